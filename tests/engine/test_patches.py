@@ -83,7 +83,7 @@ def test_a_machine_without_the_disk_sends_the_files(train, monkeypatch):
 
 def test_processes_of_torchrun_take_no_workers(train, monkeypatch):
     monkeypatch.setattr(class_patches, "current", lambda: Processes(0, 2))
-    with pytest.raises(FieldError, match="engine and workers share patches, torchrun shares each patch: take one"):
+    with pytest.raises(FieldError, match="engine and workers share patches, torchrun shares each patch: choose either"):
         train("both", POOL)
 
 

@@ -92,7 +92,7 @@ def test_a_sheet_that_does_not_lie_is_named(space):
 def test_the_shot_list_draws_the_place_of_each(space):
     assert call(print_patches, "--object", "crate", "--quiet").exit_code == 0
     done = call(plan, "--object", "crate", "--shot-list")
-    assert done.exit_code == 0 and "print it anew" not in done.output, done.output
+    assert done.exit_code == 0 and "print it again" not in done.output, done.output
     first, second, *more = [" ".join(page.extract_text().split()) for page in PdfReader("print/shot_list.pdf").pages]
     assert "stick the 2 sheets of the patch on" in first + " ".join(more)
     assert "take the 2 sheets of the patch off" in first + " ".join(more)

@@ -55,7 +55,7 @@ def test_page_rig_shot_list_and_gates_read_one_size(space):
     assert printed_sides(space, [CheckedPhoto("crate", "patched", 1, lines=lines)]) == {("crate", "patched"): (40,)}
 
     result = call(plan, "--object", "crate", "--shot-list")
-    assert result.exit_code == 0 and "print it anew" not in result.output, result.output
+    assert result.exit_code == 0 and "print it again" not in result.output, result.output
     words = PdfReader(space.print_dir / "shot_list.pdf").pages[0].extract_text()
     assert "sheet 50.0 mm" in words and "patch 40.0 mm" in words and "Print print/crate.pdf at 100 %" in words
 

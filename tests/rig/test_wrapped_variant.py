@@ -147,7 +147,7 @@ def test_the_shot_list_shows_where_the_pieces_go(space):
         written = write_shot_list(space, read_plan(space.plan_file), ["crate"], asked)
     with pdfplumber.open(written.pdf_file) as pdf:
         words = pdf.pages[0].extract_text()
-    assert "Where the wrap's pieces go" in words and "there is no sheet to stick on" not in words
+    assert "Places of the wrap's pieces" in words and "there is no sheet to stick on" not in words
     assert all(side in words for side in ("front", "left", "back", "right", "top", "bottom"))
 
 

@@ -19,14 +19,7 @@ from toolkit.rig.board_file import write_board
 from toolkit.rig.camera import Camera, look_at, orbit_direction, orbit_pose, project
 from toolkit.rooms.photos.board_pose import BoardSighting, find_board, solve_pose
 from toolkit.rooms.photos.calibrate import calibrate_folder, stored_sighting
-from toolkit.rooms.photos.lens import (
-    LensRecord,
-    choose_lens,
-    lens_file,
-    lens_from_focal,
-    read_lenses,
-    write_lenses,
-)
+from toolkit.rooms.photos.lens import LensRecord, choose_lens, lens_file, lens_from_focal, read_lenses, write_lenses
 from toolkit.rooms.photos.lens_fit import LEAST_VIEWS, calibrate_lens, cover, measure_slant
 from toolkit.rooms.photos.photo import Photo, read_photo
 

@@ -207,7 +207,7 @@ def test_a_patch_that_the_print_dialog_shrank_is_noticed():
     checked = [CheckedPhoto("racer", "patched", i, lines=one) for i, one in enumerate(lines, 1)]
     (finding,) = find_wrong_sizes(checked, {("racer", "patched"): (PATCH_MM,)})
     assert finding.results[0].failed and finding.results[0].value == pytest.approx(6, abs=1)
-    assert "88.2 mm was meant" in finding.results[0].advice
+    assert "intended 88.2 mm" in finding.results[0].advice
     assert "100 %" in finding.results[0].advice and "\n" not in finding.results[0].advice
 
 

@@ -172,7 +172,7 @@ def test_one_photograph_of_a_pose_that_is_named(space, folder):
     result = run(space, photo, ImportSettings(object="crate", variant="patched", pose=3))
     assert list(imported(result)) == ["crate/patched/pose_03.jpg"]
     take(folder / "y.jpg", 2)
-    with pytest.raises(ToolkitError, match="pose 3: is of one photograph, 2 were given"):
+    with pytest.raises(ToolkitError, match="pose 3: is of a single photograph, 2 were given"):
         run(space, folder, ImportSettings(object="crate", variant="patched", pose=3))
     with pytest.raises(ToolkitError, match="has poses 1 to 4"):
         run(space, photo, ImportSettings(object="crate", variant="patched", pose=9))
@@ -236,7 +236,7 @@ def test_a_folder_that_contradicts_the_command_is_not_imported(space, folder):
     take(folder / "unpatched" / "pose_1.jpg", 1)
     result = run(space, folder)
     assert reasons(result) == {
-        "unpatched/pose_1.jpg": "its name or folder says variant 'unpatched', the command says 'patched'"
+        "unpatched/pose_1.jpg": "its name or folder names the variant 'unpatched', the command 'patched'"
     }
 
 
@@ -254,7 +254,7 @@ def test_nothing_says_what_they_show(space, folder):
         ({"object": "crate", "variant": "../../x"}, "expected a name of letters"),
         ({"match": "boards"}, "match boards: expected auto, board, name, order or render; did you mean board"),
         ({"source": "../x"}, "source ../x: expected the name of one folder below captures/"),
-        ({"object": "crate", "pose": 1}, "pose 1: the pose of one photograph: give object and variant with it"),
+        ({"object": "crate", "pose": 1}, "pose 1: the pose of a photograph: give object and variant with it"),
         ({"object": "crate", "first_shot": 2}, "first_shot 2: counts in the whole shot list: leave object and variant"),
     ],
 )
@@ -268,7 +268,7 @@ def test_settings_that_cannot_be_are_one_line(space, folder, settings, words):
 def test_captures_are_not_imported_into_themselves(space, folder):
     (space.captures_dir / "real" / "crate" / "patched").mkdir(parents=True)
     for path in (space.captures_dir / "real", space.root, space.root.parent):
-        with pytest.raises(ToolkitError, match="name the folder that the camera's photos are in"):
+        with pytest.raises(ToolkitError, match="name the folder with the camera's photos"):
             run(space, path)
     with pytest.raises(ToolkitError, match="holds no photographs"):
         run(space, folder)
@@ -363,7 +363,7 @@ def test_photographs_that_changed_places_are_told_by_their_renders(space, folder
     # asked for, the order decides, and what speaks against it is said
     result = run(space, folder, ImportSettings(object="crate", variant="patched", match="order", source="other"))
     assert len(result.imported) == 10 and any(
-        note.startswith("2 of 10 photographs look like another pose than their order says (b.jpg: pose 3, not 2)")
+        note.startswith("2 of 10 photographs look like another pose than that of their order (b.jpg: pose 3, not 2)")
         for note in result.notes
     )
 
@@ -395,7 +395,7 @@ def test_a_name_that_was_taken_comes_after_it_and_ties_are_said(space, folder):
         take(folder / name, number, (0, 0, 1, 2)[number])
     result = run(space, folder)
     assert list(imported(result).values()) == names
-    assert "taken at the same time, so that their names order them: IMG_31.jpg, IMG_31 (1).jpg" in result.notes
+    assert "taken at the same time, and so ordered by name: IMG_31.jpg, IMG_31 (1).jpg" in result.notes
 
 
 def test_each_shot_saved_twice_counts_once_in_the_order(space, folder):

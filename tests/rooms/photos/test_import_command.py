@@ -13,7 +13,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from toolkit.cli import app
-from toolkit.rooms.photos.commands import _shorten, ask_person
+from toolkit.rooms.photos.commands import ask_person
 
 
 def take(file, seed):
@@ -60,7 +60,7 @@ def test_bad_input_is_one_line_and_exit_code_2(space, tmp_path):
     script = "import sys; sys.argv[0] = 'toolkit'; from toolkit.cli import main; main()"
     for arguments, words in (
         (["none"], "none does not exist"),
-        ([str(tmp_path)], "name the folder that the camera's photos are in"),
+        ([str(tmp_path)], "name the folder with the camera's photos"),
     ):
         call_ = [sys.executable, "-c", script, "import", *arguments, "--object", "crate", "--variant", "patched"]
         result = subprocess.run(call_, capture_output=True, text=True, cwd=space.root)
@@ -75,7 +75,7 @@ def test_a_doubt_is_asked_only_where_asking_was_wanted(space, tmp_path, monkeypa
     silent = call("import", tmp_path / "photos", *options, code=1)
     assert "shown as well by" in silent.stderr and "Which" not in silent.output
     asked = call("import", tmp_path / "photos", *options, "--ask", code=1, typed="7\n2\n")
-    assert "Which one counts?" in asked.output and "'7' is none of them" in asked.output
+    assert "Which counts?" in asked.output and "'7' is none of them" in asked.output
     assert (space.captures_dir / "real/crate/patched/pose_01.jpg").read_bytes() == (
         tmp_path / "photos" / "b_pose_1.jpg"
     ).read_bytes()
@@ -85,10 +85,6 @@ def test_a_doubt_is_asked_only_where_asking_was_wanted(space, tmp_path, monkeypa
 def test_an_answer_is_one_of_those_or_none(monkeypatch, typed, answer):
     monkeypatch.setattr("typer.prompt", lambda *_, default, **__: typed or default)
     assert ask_person("Which?", ["1", "2"]) == answer
-
-
-def test_poses_are_shortened():
-    assert _shorten([7, 1, 2, 3]) == "1-3 7" and _shorten([]) == "" and _shorten([4]) == "4"
 
 
 @pytest.mark.slow

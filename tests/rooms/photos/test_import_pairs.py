@@ -200,7 +200,7 @@ def test_a_corrected_table_moves_what_was_wrong_and_says_so(space, photos, tmp_p
     assert len(said) == 9
     assert (
         f"{right[0][0]}: moved from desk/bear1/pose_01.jpg to desk/unpatched/pose_01.jpg, class mouse to computer "
-        "keyboard, as the table says now"
+        "keyboard by the new table"
     ) in said
     assert import_table(space, photos, tmp_path, right).imported == ()
 
@@ -261,7 +261,7 @@ def test_a_class_is_said_once(space, photos, tmp_path):
     assert import_table(space, photos, tmp_path, [(rows[8][0], "mug", "unpatched", "1", "Coffee_mug")]).imported
     import_table(space, photos, tmp_path, rows[:3])
     with pytest.raises(
-        ToolkitError, match=r"'desk' has the class 'mouse' .* and 'computer keyboard' in an earlier one"
+        ToolkitError, match=r"'desk' has the class 'mouse' .* and 'computer keyboard' in an earlier table"
     ):
         import_table(space, photos, tmp_path, [(*row[:4], "mouse") for row in rows[3:6]], "more.csv")
     result = import_table(space, photos, tmp_path, [(*row[:4], "") for row in rows[3:6]], "more.csv")
@@ -274,7 +274,7 @@ def test_a_folder_that_contradicts_its_row_is_refused(space, photos, tmp_path):
     (photos / rows[3][0]).rename(photos / "unpatched" / rows[3][0])
     result = import_table(space, photos, tmp_path, rows)
     assert dict(result.refused) == {
-        f"unpatched/{rows[3][0]}": "its folder says variant 'unpatched', line 5 of the table says 'bear1'"
+        f"unpatched/{rows[3][0]}": "its folder names the variant 'unpatched', line 5 of the table 'bear1'"
     }
 
 

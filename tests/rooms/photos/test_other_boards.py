@@ -95,7 +95,7 @@ def test_a_chessboard_that_looks_the_same_turned_gives_no_pose(tmp_path):
     space = make_workspace(tmp_path / "space")
     write_spec(boards_dir(space) / "even.toml", BoardSpec(kind="chessboard", columns=8, rows=6, square_mm=25))
     locate = locate_by_board(with_board(space, "even"))
-    assert "looks the same turned half round" in locate(None, np.zeros((60, 80, 3), np.uint8))
+    assert "looks the same upside down" in locate(None, np.zeros((60, 80, 3), np.uint8))
 
 
 @pytest.mark.slow

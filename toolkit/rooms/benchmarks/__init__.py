@@ -1,1 +1,1 @@
-"""Whole experiments: each gives the units of its run, the work of one unit, and its own figures."""
+"""Whole experiments: each has the units of its run, the work of a unit, and its own figures."""

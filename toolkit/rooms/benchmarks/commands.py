@@ -1,4 +1,4 @@
-"""Commands of the studies: `sweep`, `corrupt-eval`, `transfer`, and the patches and codes that are compared there."""
+"""Commands of the studies: `sweep`, `corrupt-eval`, `transfer`, and the patches and codes that they compare."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, get_args
@@ -38,7 +38,7 @@ def sweep(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Vary one thing and measure where the patch still works; write table, figure and report to eval/sweeps/AXIS."""
+    """Vary a quantity and measure where the patch still works; write table, figure and report to eval/sweeps/AXIS."""
     from toolkit.models.load import load_classifier
     from toolkit.rooms.benchmarks.sweeps.sweep import run_sweep
 
@@ -47,6 +47,7 @@ def sweep(
     if config.cross:
         _sweep_crossed(space, config, classifier, engine, as_json)
         return
+    # a sweep of a single axis
     result = run_sweep(space, config, classifier, engine=engine)
     if as_json:
         show_json(result.sweep.as_json())
@@ -73,13 +74,14 @@ def _sweep_crossed(
 
 
 def show_sweep(result: "SweepResult") -> None:
-    """Print the table, what could not be shot or read, and where the files are."""
+    """Print the table, failures, and the paths of the files."""
     from toolkit.core.console import console
     from toolkit.evaluation.tables import list_lines
     from toolkit.rooms.benchmarks.sweeps.sweep_rows import build_sweep_table
 
     console.print(build_sweep_table(result.sweep))
     console.print()
+    # values that cannot be shot, and unreadable images
     skipped = [(label, reason) for label, _, reason in result.sweep.skipped]
     failed = list_lines("could not be read", result.sweep.failed)
     for line in (*list_lines("not possible", skipped), *failed):
@@ -105,7 +107,7 @@ def corrupt_eval(
 ) -> None:
     """Classify a corrupted data set with and without patches: the benchmark of ImageNet-C, or CIFAR-10-C.
 
-    Results go to eval/corruptions/RUN. An answer is computed once, whatever run asks for it.
+    Results go to eval/corruptions/RUN. Every answer is computed once for all runs.
     """
     from toolkit.models.load import load_classifier
     from toolkit.models.network import Classifier
@@ -129,7 +131,7 @@ def corrupt_eval(
 
 
 def show_benchmark(done: "BenchmarkRun") -> None:
-    """Print what could not be used, the table, the result in words, and where the report is."""
+    """Print failures, the table, the result in words, and the path of the report."""
     from toolkit.core.console import console, list_skipped
     from toolkit.rooms.benchmarks.corruptions.benchmark_summary import (
         build_summary_table,
@@ -140,7 +142,7 @@ def show_benchmark(done: "BenchmarkRun") -> None:
     list_skipped(done.benchmark.failed)
     for name, labels in done.without_images.items():
         line = f"skipped {len(labels)} patches of {name}: no images of {list_some(labels, SHOWN_NAMES)}"
-        warn(f"{line}; --class names those that are meant")
+        warn(f"{line}; choose classes with --class")
     summary = read_summary(done.files.summary)
     for note in summary.notes:
         remark(note)
@@ -159,12 +161,13 @@ def transfer(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Train on all networks but one and test on that one, for each in turn; a stopped run goes on where it was."""
+    """Train on all networks but one and test on the left-out network, for each in turn. Interrupted runs resume."""
     from toolkit.boosters.detectors import load_networks
     from toolkit.rooms.benchmarks.transfer.leave_one_out import HEADS, leave_one_out, tabulate
 
     space = open_workspace(workspace)
     loaded = load_networks(*networks, space.classifiers_dir, may_mix=True)
+    # networks may be left out by the name that was typed
     typed = dict(zip(networks.model or (), (network.name for network in loaded), strict=False))
     config = config.with_overrides({"left_out": tuple(typed.get(name, name) for name in config.left_out)})
     result = leave_one_out(space, config, loaded)
@@ -199,7 +202,7 @@ def train_patches(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Train a patch for each of many classes, to be laid on images; a stopped run goes on where it was."""
+    """Train a patch for each of many classes, to be laid on images. Interrupted runs resume."""
     from toolkit.core.console import quietly
     from toolkit.models.load import load_classifier
     from toolkit.rooms.benchmarks.patch_sets.class_patches import train_class_patches
@@ -213,6 +216,7 @@ def train_patches(
     patch = make_flat_config(recipe, overrides, placement, config)
     with quietly(as_json):
         made = train_class_patches(config, patch, found, chosen, classifier, space, restart=restart, engine=engine)
+    # the next command, with the same network and the new sets
     flags = {"--model": network.model, "--weights": network.weights}
     typed = [f"{flag} {quote(value)}" for flag, value in flags.items() if value is not None]
     words = " ".join(["toolkit corrupt-eval --data", quote(data), *typed, *(f"--patches {name}" for name in made.sets)])
@@ -239,7 +243,7 @@ def baseline(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Make what patches are compared with: codes, training images or noise as pictures, one for each class."""
+    """Make pictures to compare patches with: codes, words, training images or noise, a picture for each class."""
     from toolkit.models.load import load_classifier
     from toolkit.rooms.benchmarks.patch_sets.baselines.make import make_baseline
 
@@ -256,5 +260,5 @@ def _describe_baseline(made: "MadeBaseline", kind: str, data: str | None) -> Ite
         command = "train-classifier" if kind == FIXED_PATTERN else "corrupt-eval"
         others = kind in NEED_DATA
         where = "FOLDER" if others or data is None else quote(data)
-        why = ": FOLDER with other images than these were chosen from" if others else ""
+        why = ": FOLDER with other images than those they were chosen from" if others else ""
         yield f"next: toolkit {command} --data {where} --patches {names[0]}{why}"

@@ -1,1 +1,1 @@
-"""From a phone to `captures/real`: lens, board pose, import, checks, print profile."""
+"""From a phone to `captures/real`: lens, board, import, checks, print profile."""

@@ -1,4 +1,4 @@
-"""Where a photograph's camera stood, from the printed board or ring that the object stands on."""
+"""Find the printed board or ring under the object in a photograph, and the camera's pose from it."""
 
 from collections import Counter
 from collections.abc import Container, Iterator, Sequence
@@ -16,7 +16,7 @@ from toolkit.rooms.photos.lens import scale_lens
 from toolkit.rooms.photos.posed_camera import PhotoPose, fit_plane_pose
 
 SEARCH_SIDE_PX = 1600
-"""Longer side of the picture in which markers are searched first; the full picture then refines their corners."""
+"""Longer side of the picture in which markers are first searched; the full picture then refines their corners."""
 COARSE_SIDE_PX = 800
 LEAST_OTHERS = 4
 SMALL_SIDE_PX = 1000
@@ -31,8 +31,8 @@ CHESS_REACH = 0.35
 """Radius of the window that refines a corner, as a share of a square's shortest side."""
 SMALLEST_MARKER_SHARE = 0.006
 SMALLEST_MARKER_PX = 6
-"""Side of the smallest marker that is searched, as a share of the picture's longer side and at least in pixels: it has
-six modules or more, and noise in a small picture is full of smaller squares."""
+"""Side of the smallest marker that counts: a share of the picture's longer side, and at least so many pixels. A marker
+has six modules or more, and noise in a small picture is full of smaller squares."""
 TWICE_SHARE = 0.2
 """Largest share of the read markers that may be there twice; above it, the picture shows two boards."""
 
@@ -43,8 +43,8 @@ class BoardSighting:
 
     Attributes:
         ids: (n,) number of each corner on its board.
-        corners_px: (n, 2) where they are in the picture.
-        world_mm: (n, 3) where they are in the world, z = 0.
+        corners_px: (n, 2) in the picture.
+        world_mm: (n, 3) in the world, z = 0.
         width, height: of the picture, pixels.
     """
 
@@ -68,15 +68,15 @@ class BoardSighting:
 def find_board(image: np.ndarray, board: Board) -> BoardSighting | None:
     """Find a board's corners, to a fraction of a pixel, however much of it the object covers.
 
-    Large photographs are searched at a reduced size first. Where little is found, a larger size, a coarser size (blur)
-    and a picture with evened-out contrast (light that falls unevenly, over-exposure) follow.
+    Large photographs are searched at a reduced size first. If little is found, a larger size follows, a coarser size
+    (against blur), and evened-out contrast (against uneven light and over-exposure).
 
     Args:
         image: (h, w, 3) uint8 sRGB, upright.
-        board: which board; the user's own is `toolkit.rig.board_file.read_board`.
+        board: to look for; the user's is `toolkit.rig.board_file.read_board`.
 
     Returns:
-        What was found, or None with fewer than `LEAST_CORNERS` corners, or where the board is there twice.
+        None with fewer than `LEAST_CORNERS` corners, or if the picture shows the board twice.
     """
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     finder = _make_finder(board)
@@ -100,14 +100,11 @@ SIZES = (50, 100, 250, 1000)
 OTHERS = ("DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h11")
 """Without `DICT_APRILTAG_16h5`, which is seen in any texture."""
 LEAST_MARKERS = 4
-"""Different ones of a dictionary that must be read before it is believed to be there."""
+"""Different markers of a dictionary that must be read before it counts as seen."""
 
 
 def find_dictionary(image: np.ndarray) -> str | None:
-    """The dictionary whose markers a picture (h, w, 3) uint8 sRGB shows, such as `DICT_4X4_50`; None without any.
-
-    Of a family's sizes it is the smallest that has all the numbers that were read.
-    """
+    """Return the smallest dictionary of the markers in a picture (h, w, 3) uint8 sRGB, such as `DICT_4X4_50`."""
     grey = shrink(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), SEARCH_SIDE_PX)
     first = [*(f"{family}_{SIZES[0]}" for family in FAMILIES), *OTHERS]
     counts = {name: len(numbers) for name, numbers in zip(first, read_markers(grey, first), strict=True)}
@@ -124,7 +121,7 @@ def find_dictionary(image: np.ndarray) -> str | None:
 def read_markers(
     grey: np.ndarray, names: Sequence[str], parameters: cv2.aruco.DetectorParameters | None = None
 ) -> list[set[int]]:
-    """Numbers of the markers of each dictionary, of which the picture is searched once for all."""
+    """Return the numbers of the markers of each dictionary; the picture is searched once for all of them."""
     dictionaries = [cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)) for name in names]
     if parameters is None:
         parameters = cv2.aruco.DetectorParameters()
@@ -140,8 +137,7 @@ def read_markers(
 def measure_ink(image: np.ndarray, sighting: BoardSighting) -> float:
     """Light of the board's ink as a share of its paper's, 0 to 1, in a picture (h, w, 3) uint8 sRGB.
 
-    Ink and paper meet at every corner. The median over the corners is told, each of which is seen: what stands on the
-    board, a shadow and glare do not count.
+    Ink and paper meet at every corner; the median over the visible corners ignores shadows and glare.
     """
     light = LINEAR_OF_CODE[cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)]
     apart = np.linalg.norm(sighting.corners_px[:, None] - sighting.corners_px, axis=-1)
@@ -160,7 +156,7 @@ def explain_absence(image: np.ndarray, board: Board) -> str:
     grey = shrink(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), SEARCH_SIDE_PX)
     finder = _make_finder(board)
     if finder.sees_two(grey):
-        return "the board is seen twice: only one may be in the picture"
+        return "the board is seen twice: keep a single board in the picture"
     mirrored = finder.find(grey[:, ::-1].copy(), grey[:, ::-1].copy()) if board.marker_ids else None
     if mirrored is not None and len(mirrored[0]) >= LEAST_CORNERS:
         return "the board is seen mirrored: print it unmirrored, or switch off the front camera's mirror"
@@ -170,18 +166,14 @@ def explain_absence(image: np.ndarray, board: Board) -> str:
     others = finder.list_others(grey)
     if len(others) >= LEAST_OTHERS:
         shown = ", ".join(map(str, others[:3]))
-        return (
-            f"no board is seen, but markers {shown}… of {board.dictionary}, which are not on it: is it another board?"
-        )
+        return f"no board is seen, but markers {shown}… of {board.dictionary} that are not on it: is it another board?"
     return "no board is seen"
 
 
 def solve_pose(sighting: BoardSighting, lens: Camera) -> PhotoPose | None:
-    """The camera of a sighting; None where its corners fit no camera above the table.
+    """Return the camera of a sighting; None if its corners fit no camera above the table.
 
-    Args:
-        sighting: from `find_board`.
-        lens: of a picture of the same shape; scaled where its size differs.
+    `lens` is for pictures of the same shape, and scaled if their size differs.
 
     Raises:
         ToolkitError: the lens is of pictures of another shape.
@@ -225,7 +217,7 @@ class _MarkerFinder:
         self.world_mm = board.object_points()
         self._places = {marker_id: place for place, marker_id in enumerate(board.marker_ids)}
         dictionary = get_dictionary(board.dictionary)
-        # a marker's black border is one module wide on each side of the `markerSize` that carry bits
+        # the black border adds a module on each side of the `markerSize` modules that hold bits
         self._modules = dictionary.markerSize + 2
         self._markers = cv2.aruco.ArucoDetector(dictionary, detector_parameters())
 
@@ -259,7 +251,7 @@ class _MarkerFinder:
         return {
             int(marker_id): refine_marker(full, marker, self._modules)
             for marker_id, marker in zip(ids, corners, strict=True)
-            if counts[int(marker_id)] == 1  # of a marker that is there twice, nobody knows which is meant
+            if counts[int(marker_id)] == 1  # a marker that is there twice is ambiguous
         }
 
 
@@ -304,10 +296,7 @@ class _ChessFinder:
         scale = np.array([full.shape[1] / searched.shape[1], full.shape[0] / searched.shape[0]])
         # by halves to edges and back: pixel centres of two sizes do not meet at integers
         places = (grid + 0.5) * scale - 0.5
-        steps = (
-            np.linalg.norm(np.diff(places, axis=1), axis=2).min(),
-            np.linalg.norm(np.diff(places, axis=0), axis=2).min(),
-        )
+        steps = [np.linalg.norm(np.diff(places, axis=axis), axis=2).min() for axis in (0, 1)]
         # a wider window would reach the next corner, a smaller window sees nothing but the blur of this corner
         reach = int(np.clip(CHESS_REACH * min(steps), 2, 10))
         start = np.ascontiguousarray(places.reshape(-1, 1, 2), np.float32)
@@ -350,27 +339,23 @@ def _blank(grey: np.ndarray, grid: np.ndarray) -> np.ndarray:
 
 def _starts_black(grey: np.ndarray, grid: np.ndarray) -> bool:
     """Whether the squares on the diagonal of the first inner corner, which are like the upper left square, are dark."""
-    centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
-    at = centres.astype(np.float32)
+    at = ((grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4).astype(np.float32)
     light = cv2.remap(grey, at[..., 0].copy(), at[..., 1].copy(), cv2.INTER_LINEAR).astype(float)
     rows, columns = np.indices(light.shape)
     like_first = (rows + columns) % 2 == 0
     return bool(light[like_first].mean() < light[~like_first].mean())
 
 
-Finder = _MarkerFinder | _ChessFinder
-
-
-def _make_finder(board: Board) -> Finder:
+def _make_finder(board: Board) -> _MarkerFinder | _ChessFinder:
     if isinstance(board, CharucoBoard):
         return _CharucoFinder(board)
     return _ChessFinder(board) if isinstance(board, Chessboard) else _MarkerFinder(board)
 
 
 def _are_two(ids: np.ndarray) -> bool:
-    """Whether so many markers are there twice that two boards must be."""
+    """Whether so many markers are there twice that there must be two boards."""
     twice = sum(count > 1 for count in Counter(ids.tolist()).values())
-    # one marker twice may be a misreading of texture; a share of them all twice is a board
+    # a single marker twice may be a misreading of texture; a share of them all twice is a board
     return twice > 1 and twice > TWICE_SHARE * len(set(ids.tolist()))
 
 

@@ -32,10 +32,9 @@ class LensResult:
     """Result of the photographs of a camera at a focal length and size.
 
     Attributes:
-        camera, focal_35mm_mm: as EXIF has them.
         size: width and height as the sensor stores them.
-        names: of the photographs in which the board was found; `calibration` counts them in this order.
-        calibration: None where they do not do, for the reason `why`.
+        names: of the photographs with the board, in the order of `calibration`.
+        calibration: None if they do not suffice, for the reason `why`.
     """
 
     camera: str | None
@@ -61,13 +60,7 @@ class LensResult:
 
 @dataclass(frozen=True)
 class CalibrationRun:
-    """Everything that came of a folder.
-
-    Attributes:
-        lenses: one per camera, focal length and size.
-        without_board: (name, why) of photographs in which no board was found.
-        unreadable: (name, reason) of files that do not decode.
-    """
+    """Lenses by camera, focal length and size; (name, why) of photographs without a board and of unreadable files."""
 
     lenses: tuple[LensResult, ...]
     without_board: tuple[tuple[str, str], ...]
@@ -98,18 +91,19 @@ def calibrate_folder(folder: Path, board: Board) -> CalibrationRun:
                         continue
                     seen.add(photo.identity)
                     shown = name if photo.frame is None else f"{name} frame {photo.frame}"
-                    found_view = _find_stored(photo, board)
-                    if isinstance(found_view, str):
-                        without_board.append((shown, found_view))
-                    else:
-                        key = (photo.camera, photo.focal_35mm_mm, (found_view.width, found_view.height))
-                        views.setdefault(key, []).append((shown, found_view))
+                    pixels = load_pixels(photo)
+                    if (sighting := find_board(pixels, board)) is None:
+                        without_board.append((shown, explain_absence(pixels, board)))
+                        continue
+                    # as the sensor stores the picture, so that all ways up count together
+                    view = stored_sighting(sighting, turns_upright(photo.path))
+                    key = (photo.camera, photo.focal_35mm_mm, (view.width, view.height))
+                    views.setdefault(key, []).append((shown, view))
             except UnreadableImage as error:
                 unreadable.append((name, error.reason))
             bar.advance(note=name)
-    # a lens for each
-    lenses = [_calibrate(key, of_lens) for key, of_lens in views.items()]
-    return CalibrationRun(tuple(lenses), tuple(without_board), tuple(unreadable))
+    lenses = tuple(_calibrate(key, of_lens) for key, of_lens in views.items())
+    return CalibrationRun(lenses, tuple(without_board), tuple(unreadable))
 
 
 def stored_sighting(sighting: BoardSighting, turns: int) -> BoardSighting:
@@ -126,18 +120,12 @@ def _photos_of(path: Path) -> Iterator[Photo]:
     if photo.kind != "video":
         yield photo
         return
+    # a second apart
     frames = pick_frames(path, VIDEO_EVERY_S)
     # frames are spread over the whole video, since those that follow each other show nearly the same view
     chosen = np.linspace(0, len(frames) - 1, min(len(frames), MOST_FRAMES)).round().astype(int)
     for i in dict.fromkeys(chosen.tolist()):
         yield replace(photo, frame=frames[i])
-
-
-def _find_stored(photo: Photo, board: Board) -> BoardSighting | str:
-    """The board in a photograph as the sensor stores it, or why there is none: all ways up then count together."""
-    pixels = load_pixels(photo)
-    sighting = find_board(pixels, board)
-    return stored_sighting(sighting, turns_upright(photo.path)) if sighting else explain_absence(pixels, board)
 
 
 def _calibrate(key: LensKey, views: list[tuple[str, BoardSighting]]) -> LensResult:
@@ -162,6 +150,7 @@ def draw_calibration(found: Calibration, title: str) -> bytes:
     cell = np.array([lens.width, lens.height]) / CELLS
     at = np.clip(np.floor(corners / cell).astype(int), 0, np.array(CELLS) - 1)
     arrow = ARROW_SHARE * lens.width / max(found.reprojection_px, 1e-6)
+    # empty cells are hatched, the others have their mean error as an arrow
     for column in range(CELLS[0]):
         for row in range(CELLS[1]):
             inside = (at == (column, row)).all(axis=1)
@@ -175,19 +164,10 @@ def draw_calibration(found: Calibration, title: str) -> bytes:
             middle, mean = low + cell / 2, residuals[inside].mean(axis=0) * arrow
             axes.quiver(*middle, *mean, angles="xy", scale_units="xy", scale=1, width=0.003, zorder=3)
     off = np.linalg.norm(residuals, axis=1)
-    # the worst errors are drawn last, on top of the others
-    order = np.argsort(off)
-    dots = axes.scatter(
-        corners[order, 0],
-        corners[order, 1],
-        c=off[order],
-        s=6,
-        cmap="viridis_r",
-        vmin=0,
-        # a colour scale up to three times the usual error: one stray corner does not pale all others
-        vmax=3 * found.reprojection_px,
-        linewidths=0,
-    )
+    order = np.argsort(off)  # the worst errors are drawn last, on top of the others
+    # a colour scale up to three times the usual error: a stray corner does not pale all others
+    (x, y), most = corners[order].T, 3 * found.reprojection_px
+    dots = axes.scatter(x, y, c=off[order], s=6, linewidths=0, cmap="viridis_r", vmin=0, vmax=most)
     figure.colorbar(dots, ax=axes, label="error of a corner, px", shrink=0.8)
     axes.set(xlim=(0, lens.width), ylim=(lens.height, 0), aspect="equal", xlabel="px", ylabel="px")
     axes.set_title(

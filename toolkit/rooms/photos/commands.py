@@ -1,7 +1,7 @@
-"""`toolkit studio`, `import`, `check` and `retexture`: take photographs, sort and check them, put other patches in."""
+"""`toolkit studio`, `import`, `check` and `retexture`: take photographs, sort and check them, exchange patches."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from threading import Thread
@@ -59,6 +59,7 @@ def import_(
     from toolkit.rooms.photos.gates.check_captures import check_captures, make_check
     from toolkit.rooms.photos.importing.import_photos import import_photos
 
+    # a person is asked only at a terminal
     space = with_board(open_workspace(workspace, is_needed=True).with_patches(patches), board)
     asking = ask if ask is not None else sys.stdin.isatty() and not (quiet or as_json)
     check = make_check(space, settings.source)
@@ -73,7 +74,7 @@ def import_(
 
 
 def ask_person(question: str, answers: Sequence[str]) -> str | None:
-    """Put a question on stderr until it is answered with one of `answers`, or with s or nothing to leave it out."""
+    """Put a question on stderr until the reply is among `answers`, or s or nothing to leave it out."""
     shown = "/".join(answers) if len(answers) <= SHOWN_POSES else f"{answers[0]}-{answers[-1]}"
     while True:
         answer = typer.prompt(f"{question} [{shown}, s to leave it out]", default="s", show_default=False, err=True)
@@ -86,14 +87,16 @@ def ask_person(question: str, answers: Sequence[str]) -> str | None:
 
 
 def _report_import(result: "ImportResult", report: "CheckReport | None") -> None:
-    """What came, what is missing or to be taken again, what is next."""
+    """Print what was imported, what is missing or to be taken again, and what to do next."""
     rows = []
     for row in result.coverage:
         error = "" if row.mean_error_deg is None else f"{row.mean_error_deg:.1f}°, {row.mean_error_mm:.0f} mm"
         total = f"{row.there} of {row.there + len(row.missing)}"
-        rows.append((row.object, row.variant, row.imported, total, _shorten(row.missing), error))
+        missing = " ".join(list_spans(row.missing))  # 1, 2, 3, 7 as "1-3 7"
+        rows.append((row.object, row.variant, row.imported, total, missing, error))
     if rows:
         show_table(("object", "variant", "imported", "there", "missing poses", "mean pose error"), rows)
+    # photographs that were left out, by reason
     again = (*result.duplicates, *result.before)
     for name, reason in again[:SHOWN_AGAIN]:
         warn(f"not imported again: {name}: {reason}", style="")
@@ -115,11 +118,6 @@ def _report_import(result: "ImportResult", report: "CheckReport | None") -> None
         say(f"next: toolkit eval {quote(result.source_dir.parent)}")
 
 
-def _shorten(poses: Sequence[int]) -> str:
-    """1, 2, 3, 7 as "1-3 7"."""
-    return " ".join(list_spans(poses))
-
-
 def check(
     source: options.RealSource = "real",
     board: options.Board = None,
@@ -129,7 +127,7 @@ def check(
 ) -> None:
     """Check photographs: sharp, well exposed, whole, right variant, patch in its place; list what to take again.
 
-    Photographs that were imported have been judged already; those sorted into captures/real by hand are judged here.
+    Imported photographs were checked already; photographs sorted into captures/real by hand are checked here.
     """
     from toolkit.rig.board_file import with_board
     from toolkit.rooms.photos.gates.check_captures import check_captures
@@ -146,7 +144,7 @@ def check(
 
 
 def _report_check(report: "CheckReport", folder: Path) -> None:
-    """What the gates found: what to take again and why, and what could not be checked."""
+    """Print what to take again and why, and what could not be checked."""
     from toolkit.rooms.photos.gates.check_captures import RETAKE_FILE
 
     for path, reason in report.unreadable:
@@ -170,21 +168,20 @@ def retexture(
     config: RetextureConfig,
     check: Annotated[
         bool,
-        typer.Option(
-            "--check", help="Predict true photographs of several known patches from one another, and compare."
-        ),
+        typer.Option("--check", help="Predict true photographs of several known patches from each other, and compare."),
     ] = False,
     networks: options.NamedNetworks,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Put another patch into photographs of a printed one, with their own paper, inks, light, lens and noise.
+    """Put another patch into photographs of a printed patch, with their paper, inks, light, lens and noise.
 
-    With --check nothing is written: photographs whose names differ only in the patch's are predicted from each other,
-    and networks are asked whether they answer alike.
+    With --check nothing is written: photographs whose names differ only in the patch's name are predicted from each
+    other, and networks are asked whether they answer alike.
     """
     from toolkit.core.console import list_skipped
+    from toolkit.evaluation.summaries import list_reasons
     from toolkit.rooms.photos.retexture import retexture as run_retexture
 
     space = open_workspace(workspace).with_patches(patches)
@@ -197,8 +194,7 @@ def retexture(
         show_json({
             "folder": str(run.folder), "object": run.object, "variants": list(run.variants),
             "photos": [{"name": name, **facts} for name, facts in run.photos],
-            "skipped": [{"path": path, "reason": reason} for path, reason in run.skipped],
-            "bare": run.bare, "paired": run.paired,
+            "skipped": list_reasons(run.skipped), "bare": run.bare, "paired": run.paired,
         })  # fmt: skip
     else:
         rows = [
@@ -207,7 +203,7 @@ def retexture(
             for name, facts in run.photos
         ]  # fmt: skip
         show_table(("photograph", "found", "confidence", "side, px", "fit, ΔE00", "shows"), rows)
-        bare = f", {run.bare} bare ones {'paired' if run.paired else 'not paired'} with them" if run.bare else ""
+        bare = f", {run.bare} without a patch {'' if run.paired else 'not '}paired with them" if run.bare else ""
         made = f"retextured {count_of(len(run.photos), 'photograph')}{bare}"
         say(f"{made}: {run.folder / run.object}: {', '.join(run.variants)}")
         say(f"next: toolkit eval {quote(run.folder)}")
@@ -230,7 +226,7 @@ def _check_retexture(
         show_json(found.to_json())
         return
     rows = []
-    # how near a predicted picture is to the photograph, by texel and by answer
+    # how near a predicted picture is to the photograph, by texel and by the networks' answers
     for what, part in (("its own patch put back", found.own), ("from another patch's photograph", found.others)):
         short = summarise(part)
         if short["n"]:
@@ -242,10 +238,10 @@ def _check_retexture(
     for name, (hits, n) in found.same_scene.items():
         if n:
             alike, of = summarise(found.others)["alike_there"][name]
-            say(f"{name}: a patch drawn anew where it is, as another photograph tells: alike in {alike} of {of}")
-            say(f"{name}: two photographs of one place, grey paper in both: alike in {hits} of {n}")
+            say(f"{name}: a patch drawn again in its place, by another photograph's look: alike in {alike} of {of}")
+            say(f"{name}: two photographs of the same place, grey paper in both: alike in {hits} of {n}")
     if not found.others:
-        say("no two photographs' names differ only in the patch's: name them as PATCH_PLACE.jpg to compare patches")
+        say("no two names differ only in the patch's name: name photographs as PATCH_PLACE.jpg to compare patches")
 
 
 @from_config()
@@ -256,14 +252,12 @@ def studio(
     ] = False,
     port: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, max=65535, help="Default: 8765, or a free one.", show_default=False),
+        typer.Option(metavar="N", min=1, max=65535, help="Default: 8765, or a free port.", show_default=False),
     ] = None,
     address: Annotated[
         str | None,
         typer.Option(
-            "--lan-address",
-            metavar="ADDRESS",
-            help="With --lan: this machine's address there. Default: the kit finds it.",
+            "--lan-address", metavar="ADDRESS", help="With --lan: this machine's address. Default: found by itself."
         ),
     ] = None,
     network: options.NamedNetwork,
@@ -284,13 +278,10 @@ def studio(
     require_extra()
     if address is not None and not lan:
         raise FieldError("this machine's address in the local network: say {lan} with it", {"address": address})
-    from toolkit.rooms.photos.studio.app import make_app
-    from toolkit.rooms.photos.studio.predictor import Predictor
-    from toolkit.rooms.photos.studio.serve import end_on_signal, listen, make_server
+    from toolkit.rooms.photos.studio.serve import listen
     from toolkit.rooms.photos.studio.session import open_session
 
     space = with_board(open_workspace(workspace, is_needed=True).with_patches(patches), board)
-    session = open_session(space, source)
 
     def load() -> "Classifier":
         from toolkit.core.console import quietly
@@ -299,12 +290,20 @@ def studio(
         with quietly():
             return load_classifier(*network, space.classifiers_dir)
 
-    door = listen(lan, port, address)
+    serve_session(open_session(space, source), listen(lan, port, address), load, code=lan and not quiet)
+
+
+def serve_session(session: "Session", door: "Listener", load: "Callable[[], Classifier]", code: bool) -> None:
+    """Serve the page until Ctrl-C; `code` shows its address as a QR code."""
+    from toolkit.rooms.photos.studio.app import make_app
+    from toolkit.rooms.photos.studio.predictor import Predictor
+    from toolkit.rooms.photos.studio.serve import end_on_signal, make_server
+
     # the network loads in the background: photographs may come before it is ready
     predictor = Predictor(session, load)
     server = make_server(make_app(session, door.access, predictor))
     with end_on_signal(server), door.listener:
-        show_door(door, lan and not quiet)
+        show_door(door, code)
         predictor.start()
         Thread(target=warm_up, args=(session,), daemon=True).start()
         server.run(sockets=[door.listener])
@@ -314,13 +313,13 @@ def studio(
 
 
 def show_door(door: "Listener", code: bool) -> None:
-    """Say where the page is; with `code`, also as a QR code."""
+    """Print the page's address; with `code`, also as a QR code."""
     from toolkit.rooms.photos.studio.serve import show_code
 
     if code:
         show_code(door.url, say)
     lan = door.access.token is not None
-    hint = "phone and computer must be in one network" if lan else "for a phone: toolkit studio --lan"
+    hint = "phone and computer must be in the same network" if lan else "for a phone: toolkit studio --lan"
     say(door.url)
     say(f"Ctrl-C ends it; {hint}")
 
@@ -335,7 +334,7 @@ def warm_up(session: "Session") -> None:
 
 
 def show_summary(session: "Session") -> None:
-    """Say what is there and what to do next."""
+    """Print how many shots are done and what to do next."""
     shots = session.list_shots()
     done = sum(1 for shot in shots if shot.path)
     waiting = sum(1 for shot in shots if shot.status == "waiting")

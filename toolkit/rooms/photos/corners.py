@@ -13,8 +13,8 @@ MOST_SHIFT = 0.15
 """How far a corner may lie from its prediction, in squares."""
 LEAST_CONTRAST_SHARE = 0.35
 LEAST_CONTRAST = 8.0
-"""Grey levels between the darker of two light squares and the lighter of two dark ones, and the share of what is usual
-on the board, that a corner must have."""
+"""Least contrast of a corner: grey levels from the lighter of its two dark squares to the darker of its two light
+squares, and that as a share of the board's usual contrast."""
 PASSES = 3
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 30, 0.01)
 
@@ -22,13 +22,9 @@ STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 30, 0.01)
 def grow_corners(
     grey: np.ndarray, board: CharucoBoard, found: dict[int, np.ndarray], markers: dict[int, np.ndarray]
 ) -> dict[int, np.ndarray]:
-    """Corners (2,) by number: those `found`, and all others of the board that can be seen near them.
+    """Add to the `found` corners (2,) by number all others of the board that can be seen near them.
 
-    Args:
-        grey: (h, w) uint8.
-        board: that is in the picture.
-        found: corners that are known.
-        markers: corners (4, 2) of the markers that were read, by number.
+    `grey` is (h, w) uint8; `markers` has the corners (4, 2) of the markers that were read, by number.
     """
     world = board.object_points()[:, :2]
     marker_mm = board.marker_points(sorted(markers))[..., :2].reshape(-1, 2)
@@ -39,13 +35,12 @@ def grow_corners(
         known = sorted(corners)
         anchors_mm = np.concatenate([marker_mm, world[known]])
         anchors_px = np.concatenate([marker_px, np.array([corners[i] for i in known]).reshape(-1, 2)])
-        tried = {
-            i: _see_corner(grey, board, i, anchors_mm, anchors_px) for i in range(len(world))
-        }  # those known before too: they tell what contrast is usual
-        seen = {i: sight for i, sight in tried.items() if sight is not None}
+        # known corners too: they tell what contrast is usual
+        tried = ((i, _see_corner(grey, board, i, anchors_mm, anchors_px)) for i in range(len(world)))
+        seen = {i: sight for i, sight in tried if sight is not None}
         if not seen:
             break
-        # most corners are true, so the upper quartile says what contrast this photograph's board has
+        # most corners are true, so the upper quartile is the usual contrast of this photograph's board
         usual = float(np.percentile([contrast for _, contrast in seen.values()], 75))
         limit = max(LEAST_CONTRAST, LEAST_CONTRAST_SHARE * usual)
         new = {i: place for i, (place, contrast) in seen.items() if contrast >= limit and i not in corners}
@@ -58,10 +53,10 @@ def grow_corners(
 def _see_corner(
     grey: np.ndarray, board: CharucoBoard, number: int, anchors_mm: np.ndarray, anchors_px: np.ndarray
 ) -> tuple[np.ndarray, float] | None:
-    """Where a corner is, and the contrast of its squares; None where it cannot be predicted or is no crossing."""
+    """Return a corner's place and the contrast of its squares; None if it cannot be predicted or is no crossing."""
     at_mm = board.object_points([number])[0, :2]
     away = np.linalg.norm(anchors_mm - at_mm, axis=1)
-    # a homography knows nothing of distortion: it is fitted to what lies near alone
+    # a homography has no distortion: it is fitted to near anchors alone
     near = np.argsort(away, kind="stable")[:ANCHORS]
     if len(near) < 4 or away[near[0]] > REACH_SQUARES * board.square_mm:
         return None
@@ -89,7 +84,7 @@ def _see_corner(
 
 
 def _contrast(grey: np.ndarray, board: CharucoBoard, number: int, homography: np.ndarray, shift: np.ndarray) -> float:
-    """Grey levels by which the light squares round a corner are lighter than the dark ones, the worst pair."""
+    """Grey levels from the lightest dark square round a corner to its darkest light square."""
     at_mm, gap = board.object_points([number])[0, :2], (board.square_mm - board.marker_mm) / 2
     steps = np.array([(s, t) for s in (0.35, 0.8) for t in (0.35, 0.8)]) * gap
     # by world axes: down the page is +x, to its right +y
@@ -129,16 +124,13 @@ def refine_marker(grey: np.ndarray, corners: np.ndarray, modules: int) -> np.nda
 def refine_outline(grey: np.ndarray, corners: np.ndarray, reach: float) -> np.ndarray:
     """(4, 2) corners of something dark on something light: where the straight lines through its four sides meet.
 
-    A corner's own surroundings may hold a neighbour's corner or a module's, and `cv2.cornerSubPix` then goes there. The
-    sides are long and lie alone; AprilTag's detector refines in the same way (Wang and Olson, 2016).
+    `cv2.cornerSubPix` may drift to a corner of a neighbour or a module. The sides are long and lie alone; AprilTag's
+    detector refines in the same way (Wang and Olson, 2016).
 
     Args:
         grey: (h, w) uint8.
-        corners: (4, 2) roughly, clockwise, pixel centres at integers.
+        corners: (4, 2) roughly, clockwise, pixel centres at integers; returned as they are if no outline is seen.
         reach: how far to both sides of the outline its edge is looked for, pixels.
-
-    Returns:
-        The same, better; the given ones where an outline is not seen.
     """
     corners = np.asarray(corners, float)
     sides = np.roll(corners, -1, axis=0) - corners
@@ -168,9 +160,8 @@ def _fit_line(offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
     design = np.stack([1 - ALONG, ALONG], axis=1)
     root = np.sqrt(weight)
     for _ in range(LINE_ROUNDS):
-        # Iteratively reweighted least squares. Beyond `STRAY_PX` an edge pulls the less the farther it strays: its
-        # weight falls with the square. Huber's weight falls with the distance, so that the pull stays as it is. Its
-        # errors are two to five times as large where one edge in eight strays.
+        # Iteratively reweighted least squares. Beyond `STRAY_PX` the weight falls with the square of the distance, so
+        # that far edges pull less. Huber's weight has two to five times the error if every eighth edge strays.
         ends = np.linalg.lstsq(design * root[:, None], offset * root, rcond=None)[0]
         stray = np.abs(offset - design @ ends)
         root = np.sqrt(weight) * np.minimum(1, STRAY_PX / np.maximum(stray, 1e-9))

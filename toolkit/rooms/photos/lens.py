@@ -1,4 +1,4 @@
-"""The lens of a real camera, in `rig/lens.json`, and which of those a photograph was taken with."""
+"""Lenses of real cameras in `rig/lens.json`, and which of them a photograph was taken with."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,12 +42,12 @@ def scale_lens(lens: Camera, width: int, height: int) -> Camera:
 
 
 def lens_from_focal(width: int, height: int, focal_35mm_mm: float) -> Camera:
-    """A lens without distortion from its 35 mm-equivalent focal length.
+    """Return a lens without distortion from its 35 mm-equivalent focal length.
 
-    Phones round it to a whole millimetre (2 % at 26 mm, and so are distances), and a picture cropped from the sensor's
-    frame, as 16:9 mostly is, may carry the full frame's number: a calibrated lens is better.
+    Phones round it to a whole millimetre (2 % at 26 mm). A cropped picture, as 16:9 mostly is, may state the full
+    frame's focal length: a calibrated lens is better.
     """
-    # f / diagonal is the same for both frames, as both have one diagonal angle of view
+    # f / diagonal is the same for all frames of the same diagonal angle of view
     focal_px = focal_35mm_mm / FULL_FRAME_DIAGONAL_MM * float(np.hypot(width, height))
     return Camera.from_focal_px(width, height, focal_px)
 
@@ -55,14 +55,14 @@ def lens_from_focal(width: int, height: int, focal_35mm_mm: float) -> Camera:
 SAME_FOCAL = 0.02
 """Relative difference of 35 mm-equivalent focal lengths up to which two photographs are of the same lens of a phone."""
 LESS_SURE = 1.1
-"""Times by which a standard deviation must exceed another for a lens to be called worse: the same photographs with one
-more or less change it by less."""
+"""Factor between two standard deviations from which a lens counts as worse: a photograph more or less changes it by
+less."""
 SENSOR_TURNS = {6: 1, 3: 2, 8: 3}
 """Quarter turns clockwise that bring stored pixels upright, by EXIF orientation."""
 
 
 class LensRecord(BaseModel):
-    """A calibrated lens.
+    """A calibrated lens, in pixels of the stored image.
 
     Attributes:
         camera: maker and model in EXIF; None if the camera writes none.
@@ -97,7 +97,7 @@ class LensRecord(BaseModel):
         return Camera.from_intrinsics(self.model_dump(), self.distortion)
 
     def same_lens(self, other: "LensRecord") -> bool:
-        """Whether both are of the same camera, focal length and size, so that the newer lens replaces the older."""
+        """Whether both have the same camera, focal length and size, so that the newer lens replaces the older."""
         sizes = (self.width, self.height) == (other.width, other.height)
         return sizes and self.camera == other.camera and _same_focal(self.focal_35mm_mm, other.focal_35mm_mm)
 
@@ -119,13 +119,7 @@ class LensFile(BaseModel):
 
 @dataclass(frozen=True)
 class LensChoice:
-    """The lens of a photograph, upright as its pixels are read.
-
-    Attributes:
-        lens: None where it is not known.
-        source: `calibrated`, `exif`, or `none`.
-        note: for a person: where it comes from, or what to do.
-    """
+    """The lens of an upright photograph, None if unknown; `note` tells a person where it comes from, or what to do."""
 
     lens: Camera | None
     source: Literal["calibrated", "exif", "none"]
@@ -133,16 +127,12 @@ class LensChoice:
 
 
 def lens_file(workspace: Workspace) -> Path:
-    """Where calibrated lenses are."""
+    """Path of the calibrated lenses."""
     return workspace.root / "rig" / "lens.json"
 
 
 def read_lenses(workspace: Workspace) -> list[LensRecord]:
-    """The calibrated lenses, none where there is no file.
-
-    Raises:
-        ToolkitError: the file is broken.
-    """
+    """Return the calibrated lenses, none without a file; a broken file is a `ToolkitError`."""
     file = lens_file(workspace)
     return read_json(file, LensFile).lenses if file.is_file() else []
 
@@ -150,7 +140,7 @@ def read_lenses(workspace: Workspace) -> list[LensRecord]:
 def write_lenses(
     workspace: Workspace, records: list[LensRecord], replace: bool = False
 ) -> tuple[Path, list[tuple[LensRecord, LensRecord]]]:
-    """Add lenses to `rig/lens.json`; older ones of the same camera, focal length and size are replaced.
+    """Add lenses to `rig/lens.json`, in place of older lenses of the same camera, focal length and size.
 
     A less certain lens does not replace the stored lens, unless `replace`.
 
@@ -170,7 +160,7 @@ def write_lenses(
 
 
 def choose_lens(photo: Photo, records: list[LensRecord]) -> LensChoice:
-    """The lens that a photograph was taken with: the calibrated lens, else what EXIF says, else none and why."""
+    """Return the lens of a photograph: the calibrated lens, else by EXIF, else none and why."""
     turns = turns_upright(photo.path)
     stored = (photo.width, photo.height) if turns % 2 == 0 else (photo.height, photo.width)
     same_camera = [record for record in records if record.camera == photo.camera]
@@ -204,7 +194,7 @@ def turns_upright(path: Path) -> int:
     """Quarter turns clockwise that EXIF asks for to bring stored pixels upright; 0 where it is silent."""
     try:
         with open_image(path) as image:
-            # pillow-heif obeys the orientation itself and keeps here what it was
+            # pillow-heif turns the picture itself and keeps the orientation here
             orientation = image.info.get("original_orientation") or image.getexif().get(0x0112, 1)
     # a video, a raw photograph, damaged EXIF: nothing is known then, and the pixels are read elsewhere
     except UnreadableImage:
@@ -221,13 +211,9 @@ def _why_not_calibrated(
     if not same_camera:
         return f"no calibrated lens is of {camera}: run 'toolkit calibrate PHOTOS/' with its photos of the board"
     if not usable:
-        return (
-            f"{camera} was calibrated at another focal length: run 'toolkit calibrate PHOTOS/' with photos at this one"
-        )
-    return (
-        f"{camera} was calibrated with pictures of another shape than {photo.width}x{photo.height}: run "
-        "'toolkit calibrate PHOTOS/' with pictures of this one"
-    )
+        return f"{camera} was calibrated at another focal length: run 'toolkit calibrate PHOTOS/' with such photos"
+    shape = f"pictures of another shape than {photo.width}x{photo.height}"
+    return f"{camera} was calibrated with {shape}: run 'toolkit calibrate PHOTOS/' with pictures of this shape"
 
 
 def _same_focal(first: float | None, other: float | None) -> bool:

@@ -20,19 +20,19 @@ BAD_VIEW = 3.0
 STRAY = 2.5
 """Times its view's median that a corner must lie off, and beyond `OUTLIER_SIGMAS`, to be left out alone."""
 CELLS = (8, 6)
-"""The frame is divided into so many cells across and down to say how much of it was covered."""
+"""Cells across and down the frame, by which its coverage is measured."""
 GOOD_COVERAGE = 0.6
 GOOD_FOCAL_SIGMA = 0.005
 """Relative standard deviation of the focal length; distances are as sure as it."""
 MOST_FOCAL_SIGMA = 0.05
 """Less sure than that, what EXIF says is better."""
 SLANT = 0.1
-"""By this share the camera's distance must change over the board for a view to count as slanted. Seen straight on, a
-long lens far away and a short lens near by take the same picture."""
+"""Least change of the camera's distance over the board, as a share, for a view to count as slanted. Seen straight on,
+a long lens far away and a short lens near by take the same picture."""
 LEAST_SLANTED = 3
 GOOD_TILT_DEG = 25.0
-"""`LEAST_SLANTED` views should see the board under so much; below it a board that is not quite flat bends the focal
-length, and the distance with it, whatever the scatter of the corners says."""
+"""`LEAST_SLANTED` views should see the board tilted by so much. Below it a board that is not quite flat changes the
+focal length and the distance, and no scatter of the corners shows it."""
 K3_VIEWS = 12
 """With fewer views, or a poorer coverage than `GOOD_COVERAGE`, the sixth-order term of distortion stays 0: a few
 corners near the frame's edge would bend it at will."""
@@ -52,19 +52,19 @@ class Calibration:
 
     Attributes:
         lens: of pictures of the views' size.
-        reprojection_px: root mean square distance of the corners from where the lens and the views' poses put them.
-        focal_sigma_px: standard deviation of fx, from how much it changes when a view is left out.
+        reprojection_px: root mean square distance of the corners from where the fit puts them.
+        focal_sigma_px: standard deviation of fx, by the jackknife over views.
         aspect_sigma: the same of fy / fx.
         coverage: share of the frame's cells that held a corner in any view.
         used: index of each view that was used.
         refused: (index, why) of the others.
-        view_px: root mean square distance of each view that was used.
+        view_px: `reprojection_px` of each view that was used.
         tilt_deg: angle between the board and the picture's plane, of each.
-        flat_px: what `reprojection_px` is with the board taken as flat, as OpenCV's own calibration has it.
+        flat_px: `reprojection_px` with the board taken as flat, as OpenCV's own calibration does.
         bend_mm: from the lowest to the highest corner of the board; the lens is fitted to the bent board.
         is_bent: whether that is more than chance and matters.
         corners_px: (n, 2) all corners that were used, in the pictures.
-        residuals_px: (n, 2) where they were seen, less where the fit puts them.
+        residuals_px: (n, 2) their places less those of the fit.
     """
 
     lens: Camera
@@ -83,7 +83,7 @@ class Calibration:
     residuals_px: np.ndarray
 
     def advice(self) -> list[str]:
-        """What would make the calibration surer; empty where nothing is amiss."""
+        """Say how to improve the calibration; empty if nothing is amiss."""
         lines = []
         lens = self.lens
         # focal length: its uncertainty, and views at a slant that fix it
@@ -95,20 +95,19 @@ class Calibration:
         slant = sorted(self.tilt_deg)[-LEAST_SLANTED]
         if slant < GOOD_TILT_DEG:
             lines.append(
-                f"all but {LEAST_SLANTED - 1} photos see the board within {slant:.0f}° of straight on: a longer lens "
-                "farther away would take the same pictures, so focal length and distances may be off together; add "
-                "photos tilted by 30° to 60°"
+                f"all but {LEAST_SLANTED - 1} photos see the board within {slant:.0f}° of straight on, so focal length "
+                "and distances may be off together: add photos tilted by 30° to 60°"
             )
         # the board: its squares, and whether it is flat
         if abs(lens.fy / lens.fx - 1) > max(UNEVEN_PIXELS, UNEVEN_SIGMAS * self.aspect_sigma):
             lines.append(
-                f"fx and fy differ by {abs(lens.fy / lens.fx - 1):.1%}, where sensors have square pixels: measure the "
+                f"fx and fy differ by {abs(lens.fy / lens.fx - 1):.1%}, but sensors have square pixels: measure the "
                 "board's squares across and down, the printer may have stretched it"
             )
         if self.is_bent:
             lines.append(
-                f"the board is not flat: its corners lie up to {self.bend_mm:.1f} mm out of one plane, which the lens "
-                f"allows for (as flat: {self.flat_px:.2f} px off), poses do not; tape it to glass or a board"
+                f"the board is not flat: its corners lie up to {self.bend_mm:.1f} mm out of a plane (as flat: "
+                f"{self.flat_px:.2f} px off). The lens allows for that, poses do not: tape the board to glass"
             )
         # the frame: how much of it corners cover, and how well they fit
         if self.coverage < GOOD_COVERAGE:
@@ -117,8 +116,8 @@ class Calibration:
             )
         if self.reprojection_px > LARGE_RMS_PX * max(lens.width, lens.height) / 1920:
             lines.append(
-                f"the corners lie {self.reprojection_px:.2f} px off: was the board flat, the zoom fixed, and is it the "
-                "board that was meant?"
+                f"the corners lie {self.reprojection_px:.2f} px off: was the board flat, the zoom fixed, and is this "
+                "the printed board?"
             )
         return lines
 
@@ -147,7 +146,7 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
     # bounded: a round takes out a view, or corners; several rounds may be needed
     for _ in range(ROUNDS + len(views)):
         fit = _fit(list(used.values()), flags)
-        # corners before views: one stray corner must not cost a whole photograph
+        # corners before views: a stray corner must not cost a whole photograph
         dropped = _drop_corners(used, fit)
         if dropped is None:
             dropped = _drop_view(used, fit)
@@ -177,7 +176,7 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
 
 
 def _drop_view(used: dict[int, BoardSighting], fit: "_Fit") -> dict[int, str] | None:
-    """Take the view that lies farthest off out of `used`, which may have spoilt the others; (index, why), or None."""
+    """Take the view that lies farthest off, and may have spoilt the others, out of `used`; (index, why), or None."""
     off_px = fit.median_px
     worst, usual = max(off_px), float(np.median(off_px))
     if worst <= max(BAD_VIEW * usual, LEAST_OUTLIER_PX):
@@ -188,9 +187,9 @@ def _drop_view(used: dict[int, BoardSighting], fit: "_Fit") -> dict[int, str] | 
 
 
 def _drop_corners(used: dict[int, BoardSighting], fit: "_Fit") -> dict[int, str] | None:
-    """Take corners out of the views that lie far off, also by the measure of their view, which may be bad as a whole.
+    """Take corners that lie far off, also for their own view, out of the views.
 
-    Views that keep too few go out of `used`; as `_drop_view`, but empty where only corners went.
+    Views that keep too few go out of `used`; as `_drop_view`, but empty if only corners went.
     """
     # the error of a corner has two parts: its root mean square length is √2 standard deviations
     limit = max(OUTLIER_SIGMAS * fit.rms_px / np.sqrt(2), LEAST_OUTLIER_PX)
@@ -216,8 +215,8 @@ def measure_slant(view: BoardSighting) -> float:
     homography, _ = cv2.findHomography(place, view.corners_px, cv2.LMEDS)
     if homography is None:
         return 0.0
-    # the homography's last row is the depth over the plane, up to a factor; divided by the middle's it is a share
-    depth = place @ homography[2, :2] / homography[2, 2]  # relative to that of the middle
+    # the homography's last row is the depth over the plane, up to a factor: here as a share of the middle's
+    depth = place @ homography[2, :2] / homography[2, 2]
     return float(np.ptp(depth))
 
 
@@ -233,13 +232,11 @@ class _Fit:
     """A lens, the poses of its views and the bend of the board, by least squares on the corners.
 
     Attributes:
-        views: that were fitted.
-        lens: of their pictures.
         rotations: of the board as each view's camera sees it.
         residuals: (n, 2) of each view, pixels.
         bend: (3,) mm, see `_bend_shapes`.
-        flat_px: root mean square of the residuals with the board taken as flat, as OpenCV's own calibration has it.
-        normal, gradient: each view's normal equations for the lens and the bend, its own pose taken out.
+        flat_px: as in `Calibration`.
+        normal, gradient: each view's normal equations for the lens and the bend, its own pose eliminated.
     """
 
     views: list[BoardSighting]
@@ -271,11 +268,9 @@ class _Fit:
     def spread(self) -> np.ndarray:
         """(k, k) covariance of fx, fy, cx, cy, the distortion and, last, the bend: the jackknife over views.
 
-        Corners of a view err together (motion, focus, a sheet that moved), so that the scatter of single corners, as
-        OpenCV states it, is two to four times too sure. Without view v the least-squares solution is
-        (H - H_v)⁻¹ (g - g_v) away; the sum of the squares of how it moves is the jackknife's variance (Efron and
-        Tibshirani 1993, chapter 11). Few views make that unsure itself: by Student's t, two of the deviations that are
-        stated hold what two of a normal distribution do.
+        Corners of a view err together (motion, focus), so OpenCV's scatter of single corners is two to four times too
+        small. Without view v the solution moves by (H - H_v)⁻¹ (g - g_v); the sum of the squared moves is the
+        jackknife's variance (Efron and Tibshirani 1993, chapter 11). It is widened by Student's t for few views.
         """
         from scipy.stats import t as student
 
@@ -319,7 +314,7 @@ def _bend_shapes(flat: np.ndarray, half_mm: float) -> np.ndarray:
 def _fit(views: list[BoardSighting], flags: int) -> _Fit:
     """Fit a flat board as OpenCV does, then in turn its bend and the rest.
 
-    A sheet that is bent by 0.3 % of its size, all views alike, moves the focal length by 1 % and shows in no scatter.
+    A sheet bent by 0.3 % of its size in all views moves the focal length by 1 % and shows in no scatter.
     """
     size, half_mm = (views[0].width, views[0].height), _half_diagonal(views)
     pixels = [view.corners_px.astype(np.float32) for view in views]
@@ -338,9 +333,9 @@ def _fit(views: list[BoardSighting], flags: int) -> _Fit:
                 world, pixels, size, matrix, distortion, flags=flags | (cv2.CALIB_USE_INTRINSIC_GUESS if flat_px else 0)
             )
         except cv2.error as error:
+            why = str(error.err).strip()[:60]
             raise ToolkitError(
-                f"the photos do not determine a lens ({str(error.err).strip()[:60]}): take them at a slant from all "
-                "sides"
+                f"the photos do not determine a lens ({why}): take them at a slant from all sides"
             ) from None
         flat_px = flat_px or rms_px
         residuals, normal, gradient = [], [], []
@@ -353,7 +348,7 @@ def _fit(views: list[BoardSighting], flags: int) -> _Fit:
             lift = (jacobian[:, 3:6] @ cv2.Rodrigues(rotation)[0][:, 2]).reshape(-1, 2, 1) * shape[:, None]
             # fx, fy, cx, cy and the distortion follow the pose in OpenCV's Jacobian
             design = np.c_[jacobian[:, 6 : 6 + free], lift.reshape(-1, 3)]
-            # what a view's own pose can explain is taken out: lens and bend are left with the rest
+            # projected off the view's own pose: lens and bend explain the rest
             of_pose, _ = np.linalg.qr(jacobian[:, :6])
             design = design - of_pose @ (of_pose.T @ design)
             normal.append(design.T @ design)
@@ -384,6 +379,6 @@ def _why_not(view: BoardSighting, first: BoardSighting) -> str | None:
 def _too_few(given: int, usable: int, refused: dict[int, str]) -> str:
     why = f" (the first that is not: {refused[min(refused)]})" if refused else ""
     return (
-        f"{usable} of {given} photos of the board can be used{why}: a lens needs at least {LEAST_VIEWS}, from several "
-        "sides, at a slant, with the board in every part of the frame"
+        f"{usable} of {given} photos of the board can be used{why}: a lens needs at least {LEAST_VIEWS}. Take more at "
+        "a slant from several sides, with the board in every part of the frame"
     )

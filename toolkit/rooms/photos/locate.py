@@ -1,4 +1,4 @@
-"""Where a photograph's camera stood, from the printed board; which pose of the plan that is, and how far beside it."""
+"""Find the camera of a photograph from the printed board, and the pose of the plan that is nearest to it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,20 +16,16 @@ from toolkit.rooms.photos.photo import Photo
 from toolkit.rooms.photos.posed_camera import PosedCamera
 
 Locate = Callable[[Photo, np.ndarray], PosedCamera | str]
-"""(photo, its pixels (h, w, 3) uint8) -> where its camera stood, or in words why that is not known."""
+"""(photo, its pixels (h, w, 3) uint8) -> its camera, or in words why that is not known."""
 
 
 def locate_by_board(workspace: Workspace) -> Locate:
-    """A function that finds the workspace's board in a photograph and solves for the camera.
-
-    Raises:
-        ToolkitError: `rig/board.json` or `rig/lens.json` is broken.
-    """
+    """Return a function that finds the camera of a photograph from the workspace's board; broken files raise."""
     board, lenses = read_board(workspace), read_lenses(workspace)
 
     def locate(photo: Photo, pixels: np.ndarray) -> PosedCamera | str:
         if board.looks_the_same_turned:
-            return f"a {board.describe()} looks the same turned half round: use one with an odd and an even count"
+            return f"a {board.describe()} looks the same upside down: use a board with an odd and an even count"
         sighting = find_board(pixels, board)
         if sighting is None:
             return explain_absence(pixels, board)
@@ -45,7 +41,7 @@ def locate_by_board(workspace: Workspace) -> Locate:
 
 
 def locate_sighting(photo: Photo, sighting: BoardSighting | None, lenses: list[LensRecord]) -> PosedCamera | str:
-    """Where a photograph's camera stood, from the board that was found in it; in words why that is not known."""
+    """Return a photograph's camera from the board that was found in it, or in words why that is not known."""
     if sighting is None:
         return "no board is seen"
     choice = choose_lens(photo, lenses)
@@ -65,7 +61,7 @@ def locate_sighting(photo: Photo, sighting: BoardSighting | None, lenses: list[L
 AMBIGUOUS_MARGIN_DEG = 3.0
 """Largest lead of the best pose's cost over the next pose's at which the intended pose is unknown."""
 FAR_DEG = 10.0
-"""From here on a photograph stands for no pose of the plan: half the way between two elevations of the default grid."""
+"""A photograph farther off stands for no pose of the plan: half the way between two elevations of the default grid."""
 FAR_ROLL_DEG = 20.0
 ROLL_COST = 0.1
 DISTANCE_COST_DEG = 5.0
@@ -76,13 +72,8 @@ STEEP_DEG = 80.0
 
 
 @dataclass(frozen=True)
-class View:
-    """A camera as a photographer sees it, with respect to the middle of the object.
-
-    Attributes:
-        azimuth_deg, elevation_deg, distance_mm: from the middle to the camera.
-        roll_deg: as in `toolkit.rig.camera.look_at`.
-    """
+class CameraAngles:
+    """A camera seen from the middle of the object; roll as in `toolkit.rig.camera.look_at`."""
 
     azimuth_deg: float
     elevation_deg: float
@@ -95,14 +86,11 @@ class PoseMatch:
     """The nearest pose of a plan. Signed values are the photograph's less the plan's.
 
     Attributes:
-        pose_id: of the plan.
         error_deg: angle between the two directions from the object to the camera.
         error_mm: distance of the two camera positions.
         roll_deg: difference in roll, -180 to 180.
-        azimuth_deg, elevation_deg: differences.
         distance_mm: difference of the distances from the object.
-        runner_up: id of the next pose; None in a plan with a single pose.
-        runner_up_deg: its angle.
+        runner_up: id of the next pose, and `runner_up_deg` its angle; None in a plan with a single pose.
         margin_deg: how much dearer the next pose is; infinite in a plan with a single pose.
     """
 
@@ -140,28 +128,27 @@ class PoseMatch:
         return words + ("; far from every pose of the plan" if self.far else "")
 
 
-def view_of(T_world_camera: np.ndarray, target_mm: np.ndarray) -> View:
+def view_of(T_world_camera: np.ndarray, target_mm: np.ndarray) -> CameraAngles:
     """Angles, distance and roll of a camera (4, 4) about a point (3,)."""
     position, target = T_world_camera[:3, 3], np.asarray(target_mm, float)
     offset = position - target
     distance = float(np.linalg.norm(offset))
     if distance < 1e-6:
-        raise ToolkitError("a camera that stands in the middle of the object has no view of it: its pose is wrong")
+        raise ToolkitError("a camera in the middle of the object has no view of it: its pose is wrong")
     azimuth = float(np.degrees(np.arctan2(offset[1], offset[0])) % 360)
     elevation = float(np.degrees(np.arcsin(np.clip(offset[2] / distance, -1, 1))))
     # the same place without roll, to measure the camera's roll against
     upright = look_at(position, target, 0.0, azimuth)
-    return View(azimuth, elevation, distance, _roll_between(upright, T_world_camera))
+    return CameraAngles(azimuth, elevation, distance, _roll_between(upright, T_world_camera))
 
 
 def match_pose(T_world_camera: np.ndarray, poses: Sequence[Pose]) -> PoseMatch:
-    """The pose of a plan that a camera (4, 4) is nearest to.
+    """Return the pose of a plan that a camera (4, 4) is nearest to.
 
-    Poses of the plan are in the object's frame, and so is a camera found from the board or ring, whether the camera
-    went round the object or a turntable turned it.
+    Both are in the object's frame, whether the camera went round the object or a turntable turned it.
     """
     if not poses:
-        raise ToolkitError("no poses to match with: expected at least one in the plan: run 'toolkit plan'")
+        raise ToolkitError("no poses to match with: make a plan with 'toolkit plan'")
     matches = [_compare(T_world_camera, pose) for pose in poses]
     # by the cost, not by the angle alone: two poses may look from the same side at other distances
     order = sorted(range(len(poses)), key=lambda i: matches[i][0])
@@ -173,10 +160,12 @@ def match_pose(T_world_camera: np.ndarray, poses: Sequence[Pose]) -> PoseMatch:
 
 
 def _compare(T_world_camera: np.ndarray, pose: Pose) -> tuple[float, PoseMatch]:
-    """What it costs to take the camera for this pose, and the differences."""
+    """Return the cost of taking the camera for this pose, and the differences."""
     target, planned = np.array(pose.target_mm), pose.matrix()
     seen, wanted = view_of(T_world_camera, target), view_of(planned, target)
-    error = _angle(T_world_camera[:3, 3] - target, planned[:3, 3] - target)
+    # arctan2 of sine and cosine: arccos alone loses digits where the directions are nearly parallel
+    first, other = T_world_camera[:3, 3] - target, planned[:3, 3] - target
+    error = float(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, other)), first @ other)))
     if max(seen.elevation_deg, wanted.elevation_deg) > STEEP_DEG:
         roll = _roll_between(planned, T_world_camera)
     else:
@@ -185,14 +174,10 @@ def _compare(T_world_camera: np.ndarray, pose: Pose) -> tuple[float, PoseMatch]:
     ratio = abs(float(np.log(seen.distance_mm / wanted.distance_mm)))
     cost = error + ROLL_COST * abs(roll) + DISTANCE_COST_DEG * ratio
     return cost, PoseMatch(
-        pose_id=pose.id,
-        error_deg=error,
-        error_mm=float(np.linalg.norm(T_world_camera[:3, 3] - planned[:3, 3])),
-        roll_deg=roll,
+        pose.id, error, float(np.linalg.norm(T_world_camera[:3, 3] - planned[:3, 3])), roll_deg=roll,
         azimuth_deg=_wrap(seen.azimuth_deg - wanted.azimuth_deg),
-        elevation_deg=seen.elevation_deg - wanted.elevation_deg,
-        distance_mm=seen.distance_mm - wanted.distance_mm,
-    )
+        elevation_deg=seen.elevation_deg - wanted.elevation_deg, distance_mm=seen.distance_mm - wanted.distance_mm,
+    )  # fmt: skip
 
 
 def _roll_between(first: np.ndarray, other: np.ndarray) -> float:
@@ -204,9 +189,3 @@ def _roll_between(first: np.ndarray, other: np.ndarray) -> float:
 
 def _wrap(degrees: float) -> float:
     return (degrees + 180) % 360 - 180
-
-
-def _angle(first: np.ndarray, other: np.ndarray) -> float:
-    """Degrees between two vectors, exact for small angles too."""
-    # arctan2 of sine and cosine: arccos alone loses digits where vectors are nearly parallel
-    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, other)), first @ other)))

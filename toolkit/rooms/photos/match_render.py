@@ -1,14 +1,12 @@
 """Which pose of the plan a photograph shows, where there is no board: the render that it looks most like.
 
-Each pose is rendered once, small. A photograph is compared with all of them in every place and at every size that the
-object may have in it. The comparison uses the directions of its edges (histograms of oriented gradients: Dalal and
-Triggs, 2005) and how its colours differ from place to place. Neither depends on the brightness or tint of the light.
-Pixels outside the object's outline do not count.
+Each pose is rendered once, small. A photograph is compared with all of them in every place and at every size. The
+comparison uses the directions of its edges (histograms of oriented gradients: Dalal and Triggs, 2005) and differences
+of colour between places. Neither depends on the brightness or tint of the light.
 
-The rig's pictures of the four built-in objects at 18 poses each differ from the templates in light, table and lens, and
-by a few degrees of the camera. The correct pose comes first in 262 of 288 (racer 69 of 72, warplane 67, coffeepot 67,
-eggnog, whose sides are alike, 59). 189 are called unambiguous; 1 of these is wrong.
-The thresholds were set on half of these pictures. Photographs of real objects are harder: the mesh is not exact.
+The rig's pictures of the four built-in objects differ from the templates in light, table, lens, and by a few degrees.
+The correct pose comes first in 262 of 288. 189 are called unambiguous; 1 of these is wrong. The thresholds were set on
+half of these pictures. Photographs of real objects are harder: the mesh is not exact.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -38,7 +36,7 @@ COLOUR_WEIGHT = 0.5
 COLOURFUL = 0.12
 LEAST_SCORE = 0.3
 LEAST_MARGIN = 0.05
-"""Below this margin, or score, the pose is not known. It is the margin that tells: a bare table, or another object, may
+"""Below this margin, or score, the pose is not known. The margin matters more: an empty table, or another object, may
 score 0.6 with every pose alike."""
 RENDER_SIDE_PX = 260
 ROUGH = BakeDetail(key_rays=6, room_rays=32, surface_spacing=0.04, table_spacing=0.06)
@@ -61,7 +59,7 @@ class RenderMatch:
 
     @property
     def score(self) -> float:
-        """How much."""
+        """Score of that pose."""
         return self.ranking[0][1]
 
     @property
@@ -82,10 +80,9 @@ class RenderMatch:
 
 @dataclass(frozen=True)
 class PoseTemplates:
-    """What every pose looks like, as `match_by_render` compares it.
+    """Renders of every pose as `match_by_render` compares them.
 
     Attributes:
-        ids: of the poses.
         edges, edge_masks: (n, k) features of unit length, 0 outside the object, and where they count.
         colours, colour_masks: the same for colour.
         colour_weight: of colour against edges.
@@ -100,15 +97,9 @@ class PoseTemplates:
 
 
 def make_templates(mesh: Mesh, camera: Camera, poses: Sequence[Pose]) -> PoseTemplates:
-    """Render every pose of an object, a fraction of a second each, for any number of photographs.
-
-    Args:
-        mesh: in world millimetres; with its patch, where the photographs show that.
-        camera: of the plan.
-        poses: of the plan.
-    """
+    """Render poses of a plan, a fraction of a second each, for any number of photographs; `mesh` is in world mm."""
     if not poses:
-        raise ToolkitError("no poses to match with: expected at least one in the plan: run 'toolkit plan'")
+        raise ToolkitError("no poses to match with: make a plan with 'toolkit plan'")
     share = RENDER_SIDE_PX / min(camera.width, camera.height)
     small = camera.scaled(round(camera.width * share), round(camera.height * share))
     renderer = make_renderer(RAYCAST, mesh, make_studio(0, float(mesh.size_mm.max()), "concrete"), ROUGH)
@@ -129,14 +120,10 @@ def make_templates(mesh: Mesh, camera: Camera, poses: Sequence[Pose]) -> PoseTem
         colour_masks.append(solid.reshape(-1))
         spread.append(colour_map[solid > 0].std(axis=0).max() if solid.any() else 0.0)
     weight = COLOUR_WEIGHT * min(1.0, float(np.mean(spread)) / COLOURFUL)
-    return PoseTemplates(
-        ids=tuple(pose.id for pose in poses),
-        edges=np.stack(edges).astype(np.float32),
-        edge_masks=np.stack(edge_masks).astype(np.float32),
-        colours=np.stack(colours).astype(np.float32),
-        colour_masks=np.stack(colour_masks).astype(np.float32),
-        colour_weight=weight,
+    lines, line_masks, paint, paint_masks = (
+        np.stack(parts).astype(np.float32) for parts in (edges, edge_masks, colours, colour_masks)
     )
+    return PoseTemplates(tuple(pose.id for pose in poses), lines, line_masks, paint, paint_masks, weight)
 
 
 def match_by_render(image: np.ndarray, templates: PoseTemplates) -> RenderMatch:
@@ -156,7 +143,7 @@ def _score(image: np.ndarray, templates: Sequence[PoseTemplates]) -> list[np.nda
     """Return for each object (poses,) the score of the window that looks most like the pose."""
     best = [np.full(len(template.ids), -1.0) for template in templates]
     for edges, colours in _windows(image):
-        # with the squares, the energy of each window within each mask is one matrix product
+        # with the squares, a matrix product gives the energy of each window within each mask
         squares = edges**2
         for k, compared in enumerate(templates):
             score = edges @ compared.edges.T
@@ -177,7 +164,7 @@ def _windows(image: np.ndarray) -> Iterable[tuple[np.ndarray, np.ndarray]]:
         small = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
         rim = max(WINDOW_CELLS // 4, -(-(WINDOW_CELLS - min(size) // CELL_PX) // 2) + 1)
         edges = np.pad(_edge_cells(small), ((rim, rim), (rim, rim), (0, 0)))
-        # at the rim the picture's own colour goes on: black would be a difference of colour that nobody took
+        # the rim repeats the picture's own colour: black would be a difference of colour
         colours = np.pad(_colour_cells(small), ((rim, rim), (rim, rim), (0, 0)), mode="edge")
         yield _unfold(edges).reshape(-1, WINDOW_CELLS**2 * BINS), _unfold(colours)
 
@@ -235,7 +222,7 @@ def _edge_cells(picture: np.ndarray) -> np.ndarray:
         cells.append(cv2.resize((part * strength).astype(np.float32), size, interpolation=cv2.INTER_AREA))
     map_ = np.stack(cells, axis=-1)
     energy = cv2.blur((map_**2).sum(axis=-1), (3, 3), borderType=cv2.BORDER_REPLICATE)
-    # 0.02 keeps noise on an even wall from being raised to edges; the cap keeps one strong edge from being all
+    # 0.02 keeps noise on an even wall from being raised to edges; the cap keeps a strong edge from being all
     return np.minimum(map_ / np.sqrt(energy + 0.02**2)[..., None], 0.6)
 
 

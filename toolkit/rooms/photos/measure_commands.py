@@ -31,7 +31,7 @@ def calibrate(
         float | None,
         typer.Option(
             metavar="MM",
-            help="With --find-board: side of a square; of a grid of markers, from one's left edge to the next one's.",
+            help="With --find-board: side of a square; in a grid of markers, from left edge to left edge.",
         ),
     ] = None,
     replace: Annotated[
@@ -53,6 +53,7 @@ def calibrate(
         raise FieldError("goes with {find_board}", {"square_mm": square_mm})
     space = with_board(space, board)
     run = _calibrate(photos, space)
+    # lenses that were measured; a better earlier lens stays
     records = [record for result in run.lenses if (record := result.record()) is not None]
     if not records:
         raise ToolkitError(f"{photos}: no lens could be calibrated: {run.lenses[0].why}")
@@ -60,13 +61,11 @@ def calibrate(
     pictures = write_pictures(space, run)
     for old, new in better:
         warn(
-            f"kept the lens that was there, whose focal length is known to {old.focal_sigma_px} px, this one's to "
-            f"{new.focal_sigma_px} px; --replace takes the new one"
+            f"kept the earlier lens, whose focal length is known to {old.focal_sigma_px} px, that of the new lens to "
+            f"{new.focal_sigma_px} px; --replace takes the new lens"
         )
     if as_json:
-        show_json(
-            _calibration_json(run) | {"kept_older": len(better), "pictures": [str(picture) for picture in pictures]}
-        )
+        show_json(_calibration_json(run) | {"kept_older": len(better), "pictures": list(map(str, pictures))})
     else:
         _report_lenses(run)
         for picture in pictures:
@@ -77,14 +76,12 @@ def calibrate(
 
 
 def _calibrate(photos: Path, space: Workspace) -> "CalibrationRun":
-    """Return what photographs of the printed board show, or of a board with its columns and rows exchanged.
-
-    Raises:
-        ToolkitError: no photograph shows either.
-    """
+    """Calibrate by the printed board, or with its columns and rows exchanged; `ToolkitError` if neither is seen."""
+    from toolkit.core.console import list_skipped
     from toolkit.rig.board_file import board_file, read_board, swap_sides
     from toolkit.rooms.photos.calibrate import calibrate_folder
 
+    # a board with exchanged sides is a frequent slip
     printed = read_board(space)
     run = calibrate_folder(photos, printed)
     if not run.lenses and (turned := swap_sides(printed)) is not None:
@@ -95,38 +92,31 @@ def _calibrate(photos: Path, space: Workspace) -> "CalibrationRun":
                 f"the photos show {turned.describe()}; {board_file(space)} has columns and rows the other way round: "
                 "exchange them there"
             )
-    _list_refused(run)
+    list_skipped([*run.unreadable, *run.without_board])
+    for result in run.lenses:
+        found = result.calibration
+        pairs = (
+            [(_describe(result), result.why)] if found is None else [(result.names[i], why) for i, why in found.refused]
+        )
+        list_skipped(pairs)
     if not run.lenses:
-        raise ToolkitError(f"{photos}: no lens could be calibrated: {_say_none_found(run, printed.describe())}")
+        # a single reason for all photographs is worth a word
+        whys = {why for _, why in run.without_board}
+        also = f"; {whys.pop()}" if len(whys) == 1 and "no board is seen" not in whys else ""
+        raise ToolkitError(
+            f"{photos}: no lens could be calibrated: the {printed.describe()} was found in none of the photos{also}; "
+            "'toolkit calibrate --find-board PHOTOS/' tells which board they show"
+        )
     return run
 
 
-def _list_refused(run: "CalibrationRun") -> None:
-    from toolkit.core.console import list_skipped
-
-    list_skipped([*run.unreadable, *run.without_board])
-    for result in run.lenses:
-        if result.calibration is None:
-            list_skipped([(_describe(result), result.why)])
-        else:
-            list_skipped((result.names[index], why) for index, why in result.calibration.refused)
-
-
-def _say_none_found(run: "CalibrationRun", described: str) -> str:
-    whys = {why for _, why in run.without_board}
-    also = f"; {whys.pop()}" if len(whys) == 1 and "no board is seen" not in whys else ""
-    return (
-        f"the {described} was found in none of the photos{also}; 'toolkit calibrate --find-board PHOTOS/' tells which "
-        "board they show"
-    )
-
-
 def _find_board(photos: Path, space: Workspace, square_mm: float | None, as_json: bool) -> None:
-    """Tell which board photographs show, ask for its one length, and write it."""
+    """Tell which board photographs show, ask for its length, and write it."""
     from toolkit.rig.board_file import boards_dir, write_spec
     from toolkit.rooms.photos.unknown_board import identify_board
 
     found = identify_board(photos)
+    # the length is asked for at a terminal, or left to a second call
     if square_mm is None and not as_json and sys.stdin.isatty():
         say(found.describe())
         square_mm = typer.prompt(f"{found.length_name}, in mm", type=float, err=True)
@@ -152,18 +142,15 @@ def _describe(result: "LensResult") -> str:
 
 
 def _report_lenses(run: "CalibrationRun") -> None:
-    rows = []
-    notes = []
+    rows, notes = [], []
     for result in run.lenses:
         found = result.calibration
         if found is None:
             continue
-        photos, focal_px = (
-            f"{len(found.used)} of {len(result.names)}",
-            f"{found.lens.fx:.1f} ± {found.focal_sigma_px:.1f}",
-        )
-        error, view, covered = f"{found.reprojection_px:.2f}", f"{found.lens.fov_deg:.1f}°", f"{found.coverage:.0%}"
-        rows.append((_describe(result), photos, error, view, focal_px, covered))
+        rows.append((
+            _describe(result), f"{len(found.used)} of {len(result.names)}", f"{found.reprojection_px:.2f}",
+            f"{found.lens.fov_deg:.1f}°", f"{found.lens.fx:.1f} ± {found.focal_sigma_px:.1f}", f"{found.coverage:.0%}",
+        ))  # fmt: skip
         order = sorted(zip(found.view_px, found.used, strict=True), reverse=True)[:SHOWN_VIEWS]
         worst = ", ".join(f"{result.names[index]} {off:.2f}" for off, index in order)
         notes.append(f"{_describe(result)}: farthest off, px: {worst}")
@@ -176,29 +163,25 @@ def _report_lenses(run: "CalibrationRun") -> None:
 def _calibration_json(run: "CalibrationRun") -> dict[str, Any]:
     lenses = []
     for result in run.lenses:
-        record = result.record()
+        record, found = result.record(), result.calibration
         lenses.append({
             "camera": result.camera, "size": list(result.size), "why_not": result.why or None,
             "lens": record.model_dump(mode="json") if record else None,
-            "fov_deg": round(result.calibration.lens.fov_deg, 3) if result.calibration else None,
-            "advice": result.calibration.advice() if result.calibration else [],
-            "flat_px": round(result.calibration.flat_px, 4) if result.calibration else None,
-            "bend_mm": round(result.calibration.bend_mm, 3) if result.calibration else None,
-            "photos": _list_views(result),
+            "fov_deg": round(found.lens.fov_deg, 3) if found else None, "advice": found.advice() if found else [],
+            "flat_px": round(found.flat_px, 4) if found else None,
+            "bend_mm": round(found.bend_mm, 3) if found else None, "photos": _list_views(result),
         })  # fmt: skip
     skipped = [*run.unreadable, *run.without_board]
     return {"lenses": lenses, "skipped": [list(pair) for pair in skipped]}
 
 
 def _list_views(result: "LensResult") -> list[dict[str, Any]]:
-    """What became of each photograph that shows the board."""
-    found = result.calibration
-    if found is None:
+    """Error and tilt of each photograph of the board that was used, and why the others were refused."""
+    if (found := result.calibration) is None:
         return []
-    rows = zip(found.used, found.view_px, found.tilt_deg, strict=True)
     used = [
         {"photo": result.names[index], "error_px": round(off, 4), "tilt_deg": round(tilt, 1)}
-        for index, off, tilt in rows
+        for index, off, tilt in zip(found.used, found.view_px, found.tilt_deg, strict=True)
     ]
     return used + [{"photo": result.names[index], "refused": why} for index, why in found.refused]
 
@@ -248,7 +231,8 @@ def print_profile(
         raise FieldError("expected letters, digits, '-' and '_', without a suffix", {"name": name})
     space = open_workspace(workspace).with_patches(patches)
     if (class_name is None) == (from_patch is None):
-        raise FieldError("give one of {class_name} and {from_patch}", {})
+        raise FieldError("give either {class_name} or {from_patch}", {})
+    # by known patches cut out and anywhere, or by a printed page with strip and edges
     if from_patch is not None:
         known = [read_known(space, source) for source in from_patch]
         run = profile_patches(photos, known, name or known[0].name, by)
@@ -282,9 +266,7 @@ def _report_profile(run: "ProfileRun", file: Path, expected_mm: float | None) ->
         if photo.size_mm is not None and expected_mm is not None:
             size = f"{photo.size_mm:.1f} mm of {expected_mm:.1f} mm"
         strip = "strip read" if photo.has_strip else "no strip"
-        bias = ", ".join(
-            f"{channel} {100 * value:+.0f} %" for channel, value in zip("RGB", photo.colour.bias, strict=True)
-        )
+        bias = ", ".join(f"{name} {100 * off:+.0f} %" for name, off in zip("RGB", photo.colour.bias, strict=True))
         say(f"{photo.name}: {size}, {strip}, printed colours off by {photo.colour.error}, on average {bias}")
     for warning in run.warnings:
         warn(f"note: {warning}")

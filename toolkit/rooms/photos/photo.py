@@ -43,7 +43,7 @@ WIDTH, LENGTH, COMPRESSION, PHOTOMETRIC = 256, 257, 259, 262
 STRIPS, STRIP_BYTES, SUB_IFDS, JPEG_START, JPEG_BYTES, DNG_VERSION = 273, 279, 330, 513, 514, 50706
 JPEG_COMPRESSIONS = (6, 7)
 SENSOR_DATA = (32803, 34892)
-"""Colour filter array and linear raw: JPEG-compressed, too, but no picture to look at."""
+"""Colour filter array and linear raw: JPEG-compressed as well, but not a picture to look at."""
 MOST_DIRECTORIES = 64
 MOST_EMBEDDED_BYTES = 256 << 20
 JPEG_MAGIC = b"\xff\xd8\xff"
@@ -70,9 +70,8 @@ class ExifFacts:
     Attributes:
         taken: when the shutter opened, with the camera's offset from UTC if the camera wrote it.
         camera: maker and model.
-        focal_mm: true focal length.
-        focal_35mm_mm: of a 35 mm camera with the same angle of view.
-        orientation: 1 to 8, how the stored pixels lie.
+        focal_35mm_mm: focal length of a 35 mm camera with the same angle of view.
+        orientation: 1 to 8, as EXIF numbers it.
     """
 
     taken: datetime | None = None
@@ -83,7 +82,7 @@ class ExifFacts:
 
 
 def read_exif(exif: Image.Exif) -> ExifFacts:
-    """The facts in a photograph's EXIF; damaged EXIF says nothing and is no error."""
+    """Read the facts in a photograph's EXIF; damaged EXIF has none and is no error."""
     try:
         with decoding(Path("EXIF")):
             base: Mapping[int, object] = dict(exif)
@@ -106,6 +105,7 @@ def write_exif(facts: ExifFacts) -> bytes:
     exif[ORIENTATION] = facts.orientation
     if facts.camera:
         exif[MODEL] = facts.camera
+    # time and focal lengths stand in a sub-directory
     details = exif.get_ifd(EXIF_IFD)
     if facts.taken is not None:
         details[TAKEN] = facts.taken.strftime("%Y:%m:%d %H:%M:%S")
@@ -176,9 +176,9 @@ class Preview:
     """The largest JPEG in a DNG.
 
     Attributes:
-        offset, length: where it lies in the file, bytes.
+        offset, length: in the file, bytes.
         width, height: as stored, before any turn, pixels.
-        facts: the DNG's own EXIF; its orientation is the preview's, too.
+        facts: the DNG's own EXIF, which also has the preview's orientation.
     """
 
     offset: int
@@ -189,7 +189,7 @@ class Preview:
 
 
 def is_dng(path: Path) -> bool:
-    """Whether a file is a DNG by its content: a TIFF whose first directory says which version of DNG it has."""
+    """Whether a file is a DNG by its content: a TIFF whose first directory has a version of DNG."""
     try:
         with decoding(path), Path(path).open("rb") as file, _no_warnings():
             return any(DNG_VERSION in directory for directory in _directories(file, 1))
@@ -220,11 +220,7 @@ def find_preview(path: Path) -> Preview:
 
 
 def read_preview(path: Path) -> bytes:
-    """The preview as a JPEG file: its bytes as the camera wrote them, with the DNG's EXIF where it has none itself.
-
-    Raises:
-        UnreadableImage: as `find_preview`.
-    """
+    """Return the preview as a JPEG file, with the DNG's EXIF if it has none itself; raises as `find_preview`."""
     preview = find_preview(path)
     with Path(path).open("rb") as file:
         file.seek(preview.offset)
@@ -238,14 +234,14 @@ def read_preview(path: Path) -> bytes:
 
 @contextlib.contextmanager
 def _no_warnings() -> Iterator[None]:
-    """Pillow warns of damaged directories; what comes of them is said by the errors here."""
+    """Silence Pillow's warnings of damaged directories; the errors here name the damage that matters."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
 
 
 def _directories(file: BinaryIO, most: int) -> Iterator[ImageFileDirectory_v2]:
-    """TIFF directories: the chain of main ones and their SubIFDs, each once, `most` in all."""
+    """TIFF directories: the chain of main directories and their SubIFDs, each once, `most` in all."""
     head = file.read(8)
     if head[:4] not in (b"II*\0", b"MM\0*"):
         raise ValueError("no TIFF header")
@@ -266,9 +262,10 @@ def _directories(file: BinaryIO, most: int) -> Iterator[ImageFileDirectory_v2]:
 
 
 def _jpeg_in(directory: ImageFileDirectory_v2, file: BinaryIO) -> tuple[int, int, int, int] | None:
-    """(offset, length, width, height) of a directory's picture, if it is one JPEG that can be looked at."""
+    """(offset, length, width, height) of a directory's picture, if it is a single JPEG that can be viewed."""
     if directory.get(PHOTOMETRIC) in SENSOR_DATA or directory.get(COMPRESSION) not in JPEG_COMPRESSIONS:
         return None
+    # an old-style JPEG has separate tags, a newer JPEG is a strip
     offsets = _numbers(directory.get(JPEG_START)) or _numbers(directory.get(STRIPS))
     lengths = _numbers(directory.get(JPEG_BYTES)) or _numbers(directory.get(STRIP_BYTES))
     # a picture in several strips is several JPEGs, none of them whole
@@ -292,16 +289,12 @@ def _numbers(value: object) -> list[int]:
 
 @dataclass(frozen=True)
 class Photo:
-    """What is known of a photograph without decoding it.
+    """Facts of a photograph that need no decoding; the others are as in `ExifFacts`.
 
     Attributes:
-        path: the file.
         sha256: of the file.
         kind: by content: jpeg, heif, avif, png, tiff, webp, bmp, gif, dng or video.
         width, height: pixels, upright.
-        taken: when, with the offset from UTC if the camera wrote it; None if unknown.
-        camera: maker and model, or None.
-        focal_mm, focal_35mm_mm: true and 35 mm-equivalent focal length, or None.
         frame: number of a video's frame, from 0; None for a photograph.
     """
 
@@ -323,20 +316,14 @@ class Photo:
 
     @property
     def name(self) -> str:
-        """The file's name, and the frame number for a video, as text that can be printed on one line."""
+        """The file's name, and the frame number for a video, as text that can be printed on a line."""
         shown = show_name(self.path.name)
         return shown if self.frame is None else f"{shown} frame {self.frame}"
 
 
 @dataclass(frozen=True)
 class FoundPhotos:
-    """What a folder of photographs holds.
-
-    Attributes:
-        photos: files that are photographs or videos by name, sorted by name with numbers in their order.
-        refused: (path, reason) of links that lead out of the folder.
-        others: names of files that are neither.
-    """
+    """Photographs and videos of a folder by name, (path, reason) of links out of it, and other files' names."""
 
     photos: tuple[Path, ...]
     refused: tuple[tuple[str, str], ...]
@@ -366,11 +353,11 @@ def list_photos(folder: Path) -> FoundPhotos:
 Numbered = list[tuple[int, int, str]]
 SortKey = tuple[Numbered, Numbered, Numbered]
 COPY_TAIL = re.compile(r"(?:( - copy| copy)(?: ?\((\d{1,4})\)| (\d{1,4}))?| ?\((\d{1,4})\)|~(\d{1,4}))$")
-"""What is added to a name that is taken: `IMG (1)`, `IMG~2`, `IMG copy 2`, `IMG - Copy (2)`."""
+"""End of a copy's name, as in `IMG (1)`, `IMG~2`, `IMG copy 2` and `IMG - Copy (2)`."""
 
 
 def split_copy(stem: str) -> tuple[str, str]:
-    """A file's stem, in lower case, and what was added because the name was taken: `img_1` and ` (2)`."""
+    """Split a file's stem, in lower case, from the end of a copy's name: `img_1` and ` (2)`."""
     plain = unicodedata.normalize("NFC", stem).lower()
     found = COPY_TAIL.search(plain)
     return (plain[: found.start()], plain[found.start() :]) if found and found.start() else (plain, "")
@@ -389,7 +376,7 @@ def _split_numbers(text: str) -> Numbered:
 
 
 def show_name(name: str) -> str:
-    """A file name on one line, as text is typed (NFC): what cannot be printed, as a line's end, becomes an escape."""
+    """Return a file name on a line, as text is typed (NFC); what cannot be printed becomes an escape."""
     return escape(unicodedata.normalize("NFC", show_path((name,))))
 
 
@@ -408,6 +395,7 @@ def read_photo(path: Path) -> Photo:
         return Photo(path, sha256_file(path), "video", facts.width, facts.height)
     if path.stat().st_size > MOST_BYTES:
         raise UnreadableImage(path, f"more than {MOST_BYTES >> 20} MB: no photograph, or scale it down")
+    # of a raw photograph the preview is described
     raw = is_dng(path)
     width, height, kind, facts_ = _open_header(path, read_preview(path) if raw else None)
     return Photo(

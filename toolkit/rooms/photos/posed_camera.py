@@ -1,4 +1,4 @@
-"""A photograph's camera and where it stood; its pose from points of a plane, and how sure that is."""
+"""A photograph's camera and its pose, from points of a plane, and how sure that is."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,12 +11,12 @@ from toolkit.rig.camera import Camera
 
 @dataclass(frozen=True)
 class PosedCamera:
-    """A photograph's camera and where it stood.
+    """A photograph's camera and its pose.
 
     Attributes:
         T_world_camera: (4, 4), OpenCV axes, millimetres.
         camera: of the upright photograph.
-        details: how it was measured, for the record: lens, reprojection error, corners found.
+        details: of the measurement, for the record: lens, reprojection error, corners found.
     """
 
     T_world_camera: np.ndarray
@@ -25,7 +25,7 @@ class PosedCamera:
 
     @property
     def position_mm(self) -> np.ndarray:
-        """(3,) where it stood."""
+        """(3,) position of the camera."""
         return self.T_world_camera[:3, 3]
 
     def project(self, points_mm: np.ndarray) -> np.ndarray:
@@ -46,17 +46,16 @@ class PosedCamera:
 
 LEAST_POINTS = 6
 LEAST_SPREAD_MM = 5.0
-"""Root mean square distance of the points from the straight line that fits them best; nearer to it they are a line."""
+"""Least root mean square distance of the points from their best straight line; nearer to it they are a line."""
 GROSS_SHARE = 0.004
-"""A corner further than this share of the picture's diagonal from the best homography is no corner of the board; it
-leaves room for the distortion of a lens that nobody calibrated."""
+"""A corner farther than this share of the picture's diagonal from the best homography is no corner of the board. It
+allows for the distortion of an uncalibrated lens."""
 OUTLIER_SIGMAS = 4.0
 LEAST_OUTLIER_PX = 0.6
 LEAST_NOISE_PX = 0.05
 """Corners are never taken to be surer than this, however well they agree."""
 AMBIGUOUS_RATIO = 1.5
-"""A plane seen from afar fits two cameras. Where the second fits no worse than so many times the first, which of them
-took the picture is not known."""
+"""A distant plane fits two cameras. The pose is ambiguous if the second's error is below so many times the first's."""
 MOST_SIGMA_DEG = 1.0
 """A direction less sure than this could be another pose of a dense plan."""
 ROUNDS = 4
@@ -69,11 +68,9 @@ class PhotoPose:
     Attributes:
         T_world_camera: (4, 4), OpenCV axes, millimetres.
         reprojection_px: root mean square distance of the corners from where the pose puts them.
-        n_corners: how many were used.
-        angle_sigma_deg: standard deviation of its direction that follows from the corners' scatter. An error of the
-            lens, such as a rounded focal length, is not in it.
-        rival_px: the same as `reprojection_px` for the other camera above the table that a plane always leaves
-            possible; None where there is none.
+        n_corners: number of corners that were used.
+        angle_sigma_deg: standard deviation of its direction by the corners' scatter, without errors of the lens.
+        rival_px: `reprojection_px` of the other camera above the table that fits the plane; None without.
     """
 
     T_world_camera: np.ndarray
@@ -94,7 +91,7 @@ class PhotoPose:
         if self.angle_sigma_deg > MOST_SIGMA_DEG:
             return (
                 f"the camera's direction is known to {self.angle_sigma_deg:.1f}° only: the board is blurred or hidden, "
-                "or the lens is another one"
+                "or the photograph is through another lens"
             )
         return None
 
@@ -107,17 +104,21 @@ def fit_plane_pose(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> Ph
 
     Args:
         world_mm: (n, 3), z = 0.
-        pixels: (n, 2), pixel (0, 0)'s centre at (0.5, 0.5).
+        pixels: (n, 2), the first pixel's centre at (0.5, 0.5).
         lens: intrinsics and distortion.
 
     Returns:
-        None with fewer than `LEAST_POINTS` points that agree, points on one line, or no camera above the table.
+        None with fewer than `LEAST_POINTS` points that agree, points on a line, or no camera above the table.
     """
     world_mm, pixels = np.ascontiguousarray(world_mm, float), np.ascontiguousarray(pixels, float)
     kept = _drop_gross(world_mm, pixels, lens)
     fits: list[_PlaneFit] = []
     for _ in range(ROUNDS):
-        if kept.sum() < LEAST_POINTS or _spread(world_mm[kept]) < LEAST_SPREAD_MM:
+        if kept.sum() < LEAST_POINTS:
+            return None
+        # the second singular value measures the spread across the best line
+        centred = world_mm[kept, :2] - world_mm[kept, :2].mean(axis=0)
+        if np.linalg.svd(centred, compute_uv=False)[1] / np.sqrt(len(centred)) < LEAST_SPREAD_MM:
             return None
         fits = _fit_all(world_mm[kept], pixels[kept], lens)
         if not fits:
@@ -158,7 +159,7 @@ class _PlaneFit:
 
 
 def _drop_gross(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> np.ndarray:
-    """(n,) which points agree with one homography, distortion taken out."""
+    """(n,) which points agree with a homography, without distortion."""
     if len(pixels) < LEAST_POINTS:
         return np.zeros(len(pixels), bool)
     # a homography holds only where straight lines are straight; in pixels again, so that the limit is in pixels
@@ -167,12 +168,6 @@ def _drop_gross(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> np.nd
     cv2.setRNGSeed(0)  # RANSAC draws: the same picture gives the same pose
     homography, agree = cv2.findHomography(world_mm[:, :2], flat, cv2.RANSAC, limit)
     return np.zeros(len(pixels), bool) if homography is None else agree.reshape(-1).astype(bool)
-
-
-def _spread(world_mm: np.ndarray) -> float:
-    centred = world_mm[:, :2] - world_mm[:, :2].mean(axis=0)
-    # the second singular value measures the spread across the best line
-    return float(np.linalg.svd(centred, compute_uv=False)[1] / np.sqrt(len(centred)))
 
 
 def _fit_all(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> list[_PlaneFit]:

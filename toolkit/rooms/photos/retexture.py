@@ -6,6 +6,7 @@ What `toolkit retexture` runs: `captures/retextured/OBJECT/VARIANT`, which `eval
 import itertools
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,16 +51,16 @@ PICTURES = Work("retextured picture", 2)
 
 @dataclass(frozen=True)
 class RetextureRun:
-    """What a run made.
+    """Result of a run.
 
     Attributes:
         folder: `captures/retextured`.
         object: name of the object's folder.
         variants: names, each with as many images as photographs.
         photos: (file's name, facts) of each photograph that was used.
-        skipped: (path, reason) of those that could not be.
-        bare: how many true photographs without a patch lie beside them.
-        paired: whether these are paired with the others, each with the patch that was given at the same place.
+        skipped: (path, reason) of the others.
+        bare: number of true photographs without a patch.
+        paired: whether these are paired with the others, in the order that both were given.
     """
 
     folder: Path
@@ -81,8 +82,8 @@ def make_controls(size_px: int, seed: int) -> dict[str, KnownPatch]:
 def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureConfig) -> RetextureRun:
     """Put other patches in the place of a printed patch, into `captures/retextured/OBJECT/VARIANT`.
 
-    Beside those that are asked for come a grey patch, a patch of random texels, and the photographs as they were taken;
-    `unpatched` are the true photographs without a patch. A picture from the same inputs is kept.
+    A grey patch, a patch of random texels, and the photographs as they were taken come besides. `unpatched` are the
+    true photographs without a patch. A picture from the same inputs is kept.
 
     Raises:
         ToolkitError: a patch is unknown, or none of the photographs shows it.
@@ -90,7 +91,7 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
     found = [read_known(workspace, name) for name in config.found]
     given = [read_known(workspace, name) for name in config.given]
     if not given:
-        raise FieldError("expected the patch that takes the printed one's place", {"given": ()})
+        raise FieldError("expected the patch that takes the printed patch's place", {"given": ()})
     names = ["patched", "other-patch", *(patch.name for patch in given[2:])]
     variants = dict(zip(names, given, strict=False)) | make_controls(given[0].pixels.shape[0], config.seed)
     name = config.object or _name_object(photos[0])
@@ -103,24 +104,19 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
     # true photographs take the others' numbers where as many are given, since a number is what pairs them
     bare_number_of = {file: number for number, file in enumerate(bare_files, 1 if paired else len(files) + 1)}
     bare, refused = use_each("reading bare photographs", config.bare, read_photo) if config.bare else ([], [])
-    kept, skipped = use_each(
-        "retexturing",
-        photos,
-        lambda file: _retexture(root, name, number_of[file], file, found, variants, seed=config.seed, done=done),
-    )
+    put = partial(_retexture, root, name, found=found, variants=variants, seed=config.seed, done=done)
+    kept, skipped = use_each("retexturing", photos, lambda file: put(number_of[file], file))
     for photo in bare:
         number, key = bare_number_of[photo.path], PICTURES.key(photo.sha256)
         if not is_finished(root, done.get(_path(name, "unpatched", number, photo)), key):
-            _write(
-                root, name, "unpatched", number, photo, encode_like(photo, None), made=_describe_taken(photo), key=key
-            )
+            _write_taken(root, name, "unpatched", number, photo, key)
     return RetextureRun(root, name, (*variants, AS_TAKEN), tuple(kept), (*skipped, *refused), len(bare), paired)
 
 
 def _name_object(path: Path) -> str:
     folder = (path if path.is_dir() else path.parent).resolve().name
     if not is_file_name(folder):
-        raise FieldError(f"give a name: the folder's, '{folder}', cannot be one", {"object": None})
+        raise FieldError(f"give a name: the folder's, '{folder}', is not allowed", {"object": None})
     return folder
 
 
@@ -146,21 +142,20 @@ def _retexture(
     pictures = fitted.with_patches(list(variants.values()), Draws(seed, number, "retexture"))
     for (variant, patch), picture in zip(variants.items(), pictures, strict=True):
         if variant not in finished:
-            content = encode_like(photo, picture)
-            _write(
-                root, name, variant, number, photo, content, booster_sha256=patch.sha256, made=made, key=keys[variant]
-            )
-    # the photograph as it was taken, encoded like the others
+            content, key = encode_like(photo, picture), keys[variant]
+            _write(root, name, variant, number, photo, content, made=made, key=key, booster_sha256=patch.sha256)
     if AS_TAKEN not in finished:
-        _write(
-            root, name, AS_TAKEN, number, photo, encode_like(photo, None), booster_sha256=fitted.patch.sha256,
-            made=_describe_taken(photo), key=keys[AS_TAKEN],
-        )  # fmt: skip
+        _write_taken(root, name, AS_TAKEN, number, photo, keys[AS_TAKEN], fitted.patch.sha256)
     return photo.name, facts
 
 
-def _describe_taken(photo: Photo) -> dict[str, Any]:
-    return {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
+def _write_taken(
+    root: Path, name: str, variant: str, number: int, photo: Photo, key: str, booster_sha256: str | None = None
+) -> None:
+    """Write a photograph as it was taken."""
+    made = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
+    content = encode_like(photo, None)
+    _write(root, name, variant, number, photo, content, made=made, key=key, booster_sha256=booster_sha256)
 
 
 def _path(name: str, variant: str, number: int, photo: Photo) -> str:
@@ -181,10 +176,10 @@ def _write(
 
 
 def encode_like(photo: Photo, picture: np.ndarray | None) -> bytes:
-    """A picture (h, w, 3) uint8 sRGB, upright, as the photograph's file is: JPEG with its tables and EXIF, or PNG.
+    """Encode a picture (h, w, 3) uint8 sRGB, upright, as the photograph is: JPEG with its tables and EXIF, or PNG.
 
-    Its chroma is kept whole: what the photograph's JPEG took from it, the picture was drawn without.
-    None is the photograph itself: its own bytes where it is a JPEG or PNG.
+    Its chroma is not subsampled: it was drawn as smooth as the photograph's. None is the photograph itself, by its own
+    bytes if it is a JPEG or PNG.
     """
     if picture is None and photo.kind in ("jpeg", "png"):
         return photo.path.read_bytes()
@@ -197,7 +192,7 @@ def encode_like(photo: Photo, picture: np.ndarray | None) -> bytes:
         with open_image(photo.path) as original:
             exif = original.getexif()
             if isinstance(original, JpegImagePlugin.JpegImageFile):
-                # the camera's own tables, so that what is not changed loses nothing anew
+                # the camera's own tables, so that unchanged parts lose nothing again
                 how = {"qtables": original.quantization}
         if len(exif):
             exif[ORIENTATION] = 1  # the picture is upright already
@@ -214,14 +209,13 @@ class PredictedPhoto:
     """A true photograph, predicted from another.
 
     Attributes:
-        source, truth: names of the photographs; the same where its own patch was put back.
+        source, truth: names of the photographs; the same if its own patch was put back.
         delta_e: median ΔE00 of the texels' means.
         sharpness: root mean square of the luma's Laplacian over the patch, predicted over true.
         spectrum: the same for each octave of the straightened patch's luma, from fine to coarse.
-        noise: deviation of what the finest octave holds within texels, predicted over true.
+        noise: deviation of luma within texels, predicted over true.
         answers: by network, the first answers on the predicted and on the true photograph.
-        there: by network, the first answer on the true photograph with its patch drawn anew, in the colours, light,
-            sharpness and noise that the source tells: the rest of the picture is the same.
+        there: by network, the first answer on the true photograph with its own patch drawn by the source's look.
     """
 
     source: str
@@ -241,8 +235,8 @@ class RetextureCheck:
     Attributes:
         others: predicted from a photograph of another patch in the same place.
         own: the photograph's own patch, put back.
-        same_scene: by network, how many pairs of photographs of one place are answered alike with the same grey paper
-            put into both, and of how many: what the rest of the two photographs leaves to be reached.
+        same_scene: by network, how many pairs of photographs of the same place are answered alike with grey paper in
+            both, and of how many: an upper limit for the predictions.
         skipped: (path, reason) of photographs that could not be used.
     """
 
@@ -280,18 +274,16 @@ def check_retexture(
 ) -> RetextureCheck:
     """Predict each photograph of a known patch from those of other patches in the same place, and compare.
 
-    Photographs are of the same place where their names differ only in the name of the patch: `bear1_3in_over.jpg` and
-    `bear2_3in_over.jpg`.
+    Names of photographs of the same place differ only in the name of the patch, as in `bear1_over.jpg` and
+    `bear2_over.jpg`.
 
     Raises:
-        ToolkitError: no photograph shows one of the patches.
+        ToolkitError: no photograph shows any of the patches.
     """
     patches = [read_known(workspace, name) for name in found]
     # a file's name may say which patch it shows: then the others are not looked for
     made, skipped = use_each(
-        "fitting",
-        photos,
-        lambda file: fit_photo(file, [p for p in patches if p.name in file.stem] or patches),
+        "fitting", photos, lambda file: fit_photo(file, [p for p in patches if p.name in file.stem] or patches)
     )
     fitted = {photo.photo.path.stem: photo for photo in made}
     answers = {stem: _ask(classifiers, photo.image) for stem, photo in fitted.items()}
@@ -310,7 +302,7 @@ def check_retexture(
 
 
 def _place(stem: str, photo: FittedPhoto) -> str | None:
-    """What a file's name says beside its patch's; where it does not name the patch, nothing else is of its place."""
+    """Return a file's name without its patch's; a name without a patch has a place of its own."""
     return stem.replace(photo.patch.name, "", 1) if photo.patch.name in stem else f"\0{stem}"
 
 
@@ -348,7 +340,7 @@ def predict_texels(
     (picture,) = first.with_patches([other.patch], draws)
     predicted = decode_image(encode_like(first.photo, picture), first.photo.path)
     (said, shows), (seen, also) = (
-        # all cells count: what one photograph hides is not what the other hides
+        # all cells count: the two photographs hide different parts
         read_texels(
             image, replace(of.sighting, agreement=np.ones_like(of.sighting.agreement)), len(other.patch.pixels), of.look
         )
@@ -371,7 +363,7 @@ def _predict(
     predicted, said, seen, good = predict_texels(first, other, draws)
     difference = delta_e2000(*(lab_of_linear(srgb_to_linear(values[good])) for values in (said, seen)))
     lumas = [
-        # straightened to one size, so that octaves mean the same in both
+        # straightened to the same size, so that octaves mean the same in both
         cv2.cvtColor(
             rectify_patch(image, replace(of.sighting, warp=of.look.warp), RECTIFIED_PX), cv2.COLOR_RGB2GRAY
         ).astype(np.float32)

@@ -1,4 +1,4 @@
-"""What the room of photographs adds: from a phone to `captures/real`, and the page that the phone shows."""
+"""Commands for photographs: from a phone to `captures/real`, and the page that the phone shows."""
 
 from toolkit.core.rooms import Entry, Room
 
@@ -8,7 +8,7 @@ ROOM = Room(
             "studio": Entry("commands:studio", "photograph with a phone, shot by shot", {"--address": "--lan-address"}),
             "import": Entry("commands:import_", "import photographs, tell object and pose"),
             "check": Entry("commands:check", "judge photographs: sharp, well exposed, whole"),
-            "retexture": Entry("commands:retexture", "put another patch into photographs of a printed one"),
+            "retexture": Entry("commands:retexture", "put another patch into photographs of a printed patch"),
             "calibrate": Entry("measure_commands:calibrate", "measure a camera's lens"),
             "print-profile": Entry("measure_commands:print_profile", "measure what a printer does to colours"),
         }

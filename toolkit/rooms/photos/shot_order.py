@@ -1,4 +1,4 @@
-"""In which order to take the photographs: little camera travel, and no drift of the light that looks like a patch."""
+"""Order of the photographs: little camera travel, and no drift of the light that looks like a patch's effect."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ STARTS = 8
 LONGEST_RUN = 3
 MOST_SHOTS = 10_000
 MOST_POLISHED = 200
-"""Above so many points or-opt is left out: 2-opt alone stays within seconds."""
+"""Largest number of points for or-opt; 2-opt alone takes seconds for more."""
 
 
 def find_tour(points: np.ndarray) -> np.ndarray:
@@ -34,10 +34,10 @@ def find_tour(points: np.ndarray) -> np.ndarray:
     apart = np.linalg.norm(points[:, None] - points, axis=-1)
     starts = np.unique(np.linspace(0, n - 1, min(n, STARTS)).round().astype(int))
     tours = [_improve(_go_to_nearest(apart, int(start)), apart) for start in starts]
-    # rounded: tours of one length must not be told apart by the last bit, which machines differ in
+    # rounded: the last bit, which differs between machines, must not choose between equal tours
     best = min(tours, key=lambda tour: round(_length(tour, apart), 6))
     best = np.roll(best, -int(np.flatnonzero(best == 0)[0]))
-    # a closed tour has two directions: the one whose second point is the lower number is given
+    # of the two directions of a closed tour, that with the lower second point
     return best if best[1] < best[-1] else np.r_[best[:1], best[:0:-1]]
 
 
@@ -69,7 +69,7 @@ def _improve(tour: np.ndarray, apart: np.ndarray) -> np.ndarray:
 
 
 def _reverse_best(tour: np.ndarray, apart: np.ndarray, slack: float) -> np.ndarray | None:
-    """2-opt: the reversal of one stretch that shortens the tour most, None where none does."""
+    """2-opt: the reversal of a stretch that shortens the tour most, None if no reversal does."""
     after = np.roll(tour, -1)
     kept = apart[tour, after]
     # what the tour gains or loses where the stretch between two of its legs is turned round
@@ -104,13 +104,7 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 @dataclass(frozen=True)
 class ShotStep:
-    """One photograph to take.
-
-    Attributes:
-        number: 1, 2, … over the whole session.
-        object, variant: what stands on the table, and what is stuck on it.
-        pose_id: from where, in the plan.
-    """
+    """A photograph to take: its number from 1 over the whole session, and what it shows from which pose."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
     number: Annotated[int, Field(ge=1)]
@@ -155,24 +149,19 @@ def order_shots(
     plan: CapturePlan, objects: Sequence[str], variants: Sequence[str] | Mapping[str, Sequence[str]] = PAIR,
     seed: int = 0, order: str = "aba",
 ) -> list[ShotStep]:  # fmt: skip
-    """Every pose of every object in every variant once, object after object, each along a short closed tour.
+    """List every pose of every object in every variant once, object after object, each along a short closed tour.
 
-    Light and camera drift in the hour that a session takes. `aba`, the default: half a tour unpatched, a whole one
-    patched, the other half unpatched: the sheet is stuck on once, and a steady drift cancels over the pairs.
+    Light and camera drift in the hour that a session takes.
 
-    - `blocks`: one tour per variant, variants in random order; for a sheet that cannot be taken off again. Drift counts
-      as the patch's effect within an object.
-    - `alternate`: all variants at each camera position in turn, first one then the other first; the best match of a
-      pair's cameras, but the sheet goes on and off at every pose.
+    - `aba`: half a tour unpatched, a whole tour patched, the other half unpatched. The sheet is stuck on once, and a
+      steady drift cancels over the pairs.
+    - `blocks`: a tour per variant, in random order, for a sheet that cannot be taken off again. Drift counts as the
+      patch's effect.
+    - `alternate`: all variants at each camera position, in alternating order. A pair's cameras match best, but every
+      pose needs a change of the sheet.
 
-    Start and direction of an object's tour are random and depend on (seed, object) alone.
-
-    Args:
-        plan: holds the poses.
-        objects: in the order of the session.
-        variants: for all objects, or per object.
-        seed: of start, direction and order of variants.
-        order: one of `ORDERS`.
+    Start and direction of an object's tour are random and depend on (seed, object) alone. `variants` are for all
+    objects, or per object.
 
     Raises:
         ToolkitError: an unknown order, an object that is not in the plan or named twice, or no variant.
@@ -205,7 +194,7 @@ def _walk(plan: CapturePlan, name: str, rng: np.random.Generator) -> list[int]:
 def _visit(walk: list[int], variants: tuple[str, ...], order: str, rng: np.random.Generator) -> list[tuple[str, int]]:
     """(variant, pose id) in the order of shooting."""
     if order == "alternate":
-        # who begins alternates too, so that neither variant always has the older light
+        # the first variant alternates too, so that neither always has the older light
         first = int(rng.integers(2))
         return [(v, pose) for i, pose in enumerate(walk) for v in (variants[::-1] if (i + first) % 2 else variants)]
     if order == "blocks" or len(variants) == 1:
@@ -213,7 +202,7 @@ def _visit(walk: list[int], variants: tuple[str, ...], order: str, rng: np.rando
     bare = "unpatched" if "unpatched" in variants else variants[0]
     others = [variant for variant in variants if variant != bare]
     half = len(walk) // 2
-    # the others begin where the first half ended, so that the camera need not go back
+    # the others begin where the first half ended: the camera need not go back
     turned = walk[half:] + walk[:half]
     middle = [(others[i], pose) for i in rng.permutation(len(others)) for pose in turned]
     return [(bare, pose) for pose in walk[:half]] + middle + [(bare, pose) for pose in walk[half:]]
@@ -222,28 +211,22 @@ def _visit(walk: list[int], variants: tuple[str, ...], order: str, rng: np.rando
 def measure_travel_mm(plan: CapturePlan, steps: Sequence[ShotStep]) -> float:
     """How far the camera moves from shot to shot, in straight lines; the way to another object's place is left out."""
     places = {(name, pose.id): pose.matrix()[:3, 3] for name, poses in plan.objects.items() for pose in poses}
-    return float(
-        sum(
-            np.linalg.norm(places[b.object, b.pose_id] - places[a.object, a.pose_id])
-            for a, b in pairwise(steps)
-            if a.object == b.object
-        )
+    moves = (
+        places[b.object, b.pose_id] - places[a.object, a.pose_id] for a, b in pairwise(steps) if a.object == b.object
     )
+    return float(sum(map(np.linalg.norm, moves)))
 
 
 def hash_poses(plan: CapturePlan, name: str) -> str:
-    """SHA-256 of the plan's camera and one object's poses, whatever else the plan holds; 64 hex digits."""
+    """SHA-256 of the plan's camera and an object's poses, whatever else the plan holds; 64 hex digits."""
     camera = plan.model_dump(mode="json", include={"camera"})["camera"]
-    content = [camera, [pose.model_dump(mode="json") for pose in plan.objects[name]]]
-    return sha256_json(content)
+    return sha256_json([camera, [pose.model_dump(mode="json") for pose in plan.objects[name]]])
 
 
 def list_shots(plan: CapturePlan, steps: Sequence[ShotStep], seed: int = 0, order: Order = "aba") -> ShotList:
     """The steps with what they follow from, ready for `write_shots`."""
-    names = dict.fromkeys(step.object for step in steps)
-    return ShotList(
-        seed=seed, order=order, plan_sha256={name: hash_poses(plan, name) for name in names}, steps=list(steps)
-    )
+    hashes = {name: hash_poses(plan, name) for name in dict.fromkeys(step.object for step in steps)}
+    return ShotList(seed=seed, order=order, plan_sha256=hashes, steps=list(steps))
 
 
 def write_shots(file: Path, shots: ShotList) -> Path:
@@ -258,9 +241,9 @@ def read_shots(file: Path, plan: CapturePlan | None = None) -> ShotList:
         ToolkitError: the file is missing or broken (the message names file and field), or the plan has changed since.
     """
     shots = read_json(file, ShotList)
+    if plan is None:
+        return shots
     for name, sha256 in shots.plan_sha256.items():
-        if plan is None:
-            break
         if name not in plan.objects or hash_poses(plan, name) != sha256:
             raise ToolkitError(
                 f"{file}: field 'plan_sha256.{name}': the plan of '{name}' has changed since the list was made: "

@@ -1,4 +1,4 @@
-"""Which board do photographs show? Its kind, dictionary and layout, told from them; one length is left to measure."""
+"""Identify the board in photographs: kind, dictionary and layout; only its length is left to measure."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -18,9 +18,8 @@ from toolkit.rooms.photos.corners import refine_marker
 from toolkit.rooms.photos.photo import list_photos, load_pixels, read_photo
 
 MOST_PHOTOS = 12
-"""That are looked at, spread over the folder."""
+"""Photographs that are read, spread over the folder; every dictionary is tried in the first few."""
 FIRST_PHOTOS = 3
-"""In which every dictionary is tried."""
 LEAST_MARKERS = 4
 """Smallest number of markers in a photograph with a board; any clutter yields fewer."""
 LEAST_SHARE = 0.2
@@ -45,13 +44,7 @@ Markers = dict[int, np.ndarray]
 
 @dataclass(frozen=True)
 class FoundBoard:
-    """A board up to its scale.
-
-    Attributes:
-        unit: the board with squares of 1 mm, that is, lengths in squares.
-        photos: how many photographs show it.
-        of: how many were looked at.
-    """
+    """A board up to its scale: `unit` has squares of 1 mm, and `photos` of the photographs that were read show it."""
 
     unit: BoardSpec
     photos: int
@@ -64,13 +57,13 @@ class FoundBoard:
 
     @property
     def length_name(self) -> str:
-        """What is to be measured."""
+        """The length to measure."""
         if self.unit.kind in ("charuco", "chessboard"):
             return "the side of a square"
-        return "the way from a marker's left edge to the next one's"
+        return "the distance from a marker's left edge to the next marker's"
 
     def describe(self) -> str:
-        """One line: what it is."""
+        """Name kind, size and dictionary in a line."""
         unit = self.unit
         what = {"charuco": "ChArUco board", "chessboard": "chessboard"}.get(unit.kind, f"{unit.kind} of markers")
         line = f"{what}, {unit.columns} × {unit.rows}"
@@ -93,11 +86,7 @@ class FoundBoard:
 
 
 def identify_board(folder: Path) -> FoundBoard:
-    """Tell the board in a folder's photographs.
-
-    Raises:
-        ToolkitError: no photographs, no board in them, or a board whose layout is unknown.
-    """
+    """Tell the board in a folder's photographs; without any, or with an unknown layout, a `ToolkitError`."""
     listed = list_photos(folder).photos
     if not listed:
         raise ToolkitError(f"{folder}: no photographs in it: expected JPEG, HEIC, PNG or DNG files of the board")
@@ -119,18 +108,14 @@ def identify_board(folder: Path) -> FoundBoard:
     found = tell_board(pictures)
     if found is None:
         raise ToolkitError(
-            f"{folder}: no ChArUco board, grid of markers or chessboard found in {len(pictures)} photographs: expected "
-            "one board, whole in the picture, lit evenly"
+            f"{folder}: no ChArUco board, grid of markers or chessboard found in {len(pictures)} photographs: show the "
+            "whole board, lit evenly"
         )
     return found
 
 
 def tell_board(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
-    """Tell the board in (h, w) uint8 pictures; None where there is none.
-
-    Raises:
-        ToolkitError: markers are seen, but mirrored, or in no layout that the kit knows.
-    """
+    """Tell the board in (h, w) uint8 pictures, or None; mirrored or unknown layouts of markers raise `ToolkitError`."""
     found = _tell_markers(pictures)
     if found is None and (mirrored := _tell_markers([picture[:, ::-1].copy() for picture in pictures])):
         raise ToolkitError(f"the photographs show a mirrored board ({mirrored.describe()}): print it unmirrored")
@@ -190,8 +175,8 @@ UNIT = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
     """Middle (2,) of each marker on the board, in marker sides, right and down from an arbitrary marker.
 
-    Neighbours are placed in the frame that a marker's own corners span, which gives all places roughly by least
-    squares; then each photograph's homography and the places are fitted in turn.
+    A marker's own corners span a frame for its neighbours; least squares then place all markers roughly. After that,
+    the photographs' homographies and the places are fitted in turn.
     """
     steps: dict[tuple[int, int], list[np.ndarray]] = {}
     for seen in views:
@@ -200,13 +185,10 @@ def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
             for number, c in seen.items()
         }
         middles = {number: c.mean(axis=0) for number, c in seen.items()}
-        for a in seen:
-            for b in seen:
-                if a < b:
-                    there = _map(frames[a], middles[b][None])[0]
-                    back = _map(frames[b], middles[a][None])[0]
-                    if max(np.linalg.norm(there), np.linalg.norm(back)) < NEAR_SIDES:
-                        steps.setdefault((a, b), []).append((there - back) / 2)  # perspective cancels to first order
+        for a, b in ((a, b) for a in seen for b in seen if a < b):
+            there, back = _map(frames[a], middles[b][None])[0], _map(frames[b], middles[a][None])[0]
+            if max(np.linalg.norm(there), np.linalg.norm(back)) < NEAR_SIDES:
+                steps.setdefault((a, b), []).append((there - back) / 2)  # perspective cancels to first order
     numbers = sorted({number for pair in steps for number in pair})
     if not numbers:
         raise ToolkitError("markers are seen, but no two side by side: expected a board whose markers lie side by side")
@@ -215,11 +197,11 @@ def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
     values = np.zeros((len(steps) + 1, 2))
     for row, ((a, b), found) in enumerate(steps.items()):
         step = np.median(found, axis=0)
-        # a far neighbour's place is less sure: perspective within one marker's frame grows with distance
+        # a far neighbour's place is less sure: perspective within a marker's frame grows with distance
         weight = 1 / np.linalg.norm(step) ** 2
         rows[row, index[b]], rows[row, index[a]] = weight, -weight
         values[row] = weight * step
-    # one marker is fixed at the origin: differences alone leave the place of all free
+    # the first marker is fixed at the origin: differences alone leave the place of all free
     rows[-1, 0] = 1
     places = np.linalg.lstsq(rows, values, rcond=None)[0]
     for _ in range(REFINEMENTS):
@@ -237,7 +219,7 @@ def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
                     told.setdefault(number, []).append(corners.mean(axis=0))
                     sides.append(float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean()))
         for number, found in told.items():
-            # the median over photographs: one bad homography moves nothing
+            # the median over photographs: a bad homography moves nothing
             places[index[number]] = np.median(found, axis=0)
         places /= np.median(sides)  # the marker's side stays the unit
     return {number: places[index[number]] for number in numbers}
@@ -248,11 +230,7 @@ def _map(homography: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _tell_layout(family: str, places: dict[int, np.ndarray]) -> BoardSpec:
-    """The grid or the ChArUco board whose markers lie so.
-
-    Raises:
-        ToolkitError: the markers lie in no such rows and columns.
-    """
+    """The grid or the ChArUco board whose markers lie so; a `ToolkitError` without rows and columns."""
     numbers = np.array(sorted(places))
     at = np.array([places[number] for number in numbers])
     away = np.linalg.norm(at[:, None] - at[None], axis=2) + np.where(np.eye(len(at)), np.inf, 0)
@@ -272,8 +250,8 @@ def _tell_layout(family: str, places: dict[int, np.ndarray]) -> BoardSpec:
     spec = _fit_numbers(family, numbers, columns_at, rows_at, is_charuco, marker_share=1 / step)
     if spec is None or np.mean(off < WORST_FIT) < LEAST_AGREE:
         raise ToolkitError(
-            f"{len(numbers)} markers of {family} are seen, but not in the rows of a ChArUco board or of a grid that "
-            "counts from its upper left: print one of those, 'toolkit print --board' makes one"
+            f"{len(numbers)} markers of {family} are seen, but not in the order of a ChArUco board or a grid: print a "
+            "board with 'toolkit print --board'"
         )
     return spec
 
@@ -285,10 +263,9 @@ def _fit_numbers(
     columns, rows = int(column.max()) + 1, int(row.max()) + 1
     best: tuple[float, BoardSpec] | None = None
     for starts_white in (False, True) if is_charuco else (False,):
+        squares = [(r, c) for r in range(rows) for c in range(columns)]
         if is_charuco:
-            squares = [(r, c) for r in range(rows) for c in range(columns) if (r + c) % 2 == int(not starts_white)]
-        else:
-            squares = [(r, c) for r in range(rows) for c in range(columns)]
+            squares = [(r, c) for r, c in squares if (r + c) % 2 == int(not starts_white)]
         place = {square: i for i, square in enumerate(squares)}
         order = [place.get((int(r), int(c))) for r, c in zip(row, column, strict=True)]
         firsts = Counter(int(number) - i for number, i in zip(numbers, order, strict=True) if i is not None)

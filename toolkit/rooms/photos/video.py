@@ -2,6 +2,7 @@
 
 import os
 import threading
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from functools import lru_cache
@@ -26,13 +27,13 @@ STILL_SHARE = 0.3
 """In a video that moves, what changes less than this share of its fast parts is held still."""
 LEAST_STILL_S = 0.4
 BRIDGED_LOOKS = 3
-"""So many unsteady looks do not end a still moment, if the picture after them equals the picture before them."""
+"""Unsteady looks that do not end a still moment, if the pictures before and after them are equal."""
 LEAST_CONTRAST = 4.0
 
 
 @dataclass(frozen=True)
 class FrameLook:
-    """What is kept of a frame: its number, a small blurred grey picture (float32), and how sharp the frame is."""
+    """A frame's number, its small blurred grey picture (float32), and its sharpness."""
 
     frame: int
     small: np.ndarray
@@ -40,7 +41,7 @@ class FrameLook:
 
 
 def look_at_frame(pixels: np.ndarray, frame: int) -> FrameLook:
-    """Measure one frame, (h, w, 3) uint8; sharpness is the variance of the Laplacian, 960 px wide and smoothed."""
+    """Measure a frame, (h, w, 3) uint8; sharpness is the variance of the Laplacian, 960 px wide and smoothed."""
     grey = cv2.cvtColor(_shrink(pixels, SHARP_WIDTH_PX), cv2.COLOR_RGB2GRAY)
     small = cv2.GaussianBlur(_shrink(grey, LOOK_WIDTH_PX), (0, 0), BLUR_PX).astype(np.float32)
     calm = cv2.GaussianBlur(grey, (0, 0), NOISE_PX)
@@ -52,7 +53,7 @@ def choose_still_frames(looks: list[FrameLook], fps: float) -> list[int]:
     if len(looks) < 2:
         return [look.frame for look in looks]
     changes = np.array([measure_change(before.small, other.small) for before, other in pairwise(looks)])
-    # the ninth decile is the fast part of the video, of which a share counts as still
+    # the ninth decile is the fast part of the video; moments with less than a share of its change are still
     limit = max(STILL_CHANGE, STILL_SHARE * float(np.quantile(changes, 0.9)))
     moments = _join(_find_runs(changes < limit), looks, limit)
     chosen = []
@@ -63,7 +64,7 @@ def choose_still_frames(looks: list[FrameLook], fps: float) -> list[int]:
 
 
 def measure_change(first: np.ndarray, other: np.ndarray) -> float:
-    """Mean absolute difference of two small grey pictures, as a share of their contrast; 0 for equal ones."""
+    """Mean absolute difference of two small grey pictures, as a share of their contrast; 0 for equal pictures."""
     # the larger contrast of both, and never less than `LEAST_CONTRAST`: a blank wall's noise is no change
     contrast = max(float(first.std()), float(other.std()), LEAST_CONTRAST)
     return float(np.abs(first - other).mean()) / contrast
@@ -76,7 +77,7 @@ def _find_runs(still: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _join(runs: list[tuple[int, int]], looks: list[FrameLook], limit: float) -> list[tuple[int, int]]:
-    """Runs with a short jolt between them become one; a cut, after which the picture is another, parts them."""
+    """Join runs with a short jolt between them; a cut, after which the picture differs, parts them."""
     joined: list[tuple[int, int]] = []
     for first, end in runs:
         before = joined[-1] if joined else None
@@ -108,7 +109,7 @@ HEADER_BYTES = 32
 
 @dataclass(frozen=True)
 class VideoFacts:
-    """What is known of a video: upright size in pixels, frames per second, their number, and when it began."""
+    """A video's upright size in pixels, frames per second, number of frames, and start."""
 
     width: int
     height: int
@@ -135,17 +136,9 @@ def is_video(path: Path) -> bool:
 
 
 def read_video(path: Path) -> VideoFacts:
-    """Describe a video.
-
-    Raises:
-        UnreadableImage: it cannot be opened, holds no picture, or is far too long or large.
-    """
-    path = Path(path)
-    reader = _Reader(path)
-    try:
+    """Describe a video; `UnreadableImage` if it cannot be opened, holds no picture, or is far too long or large."""
+    with closing(_Reader(Path(path))) as reader:
         return reader.facts
-    finally:
-        reader.close()
 
 
 def pick_frames(path: Path, every_s: float | None = None) -> list[int]:
@@ -153,8 +146,8 @@ def pick_frames(path: Path, every_s: float | None = None) -> list[int]:
 
     Args:
         path: the video.
-        every_s: take one frame in each so many seconds, the sharpest; None: one per period in which the camera was
-            held still, the sharpest.
+        every_s: length of the periods of which the sharpest frame is taken, seconds; None: of each period in which
+            the camera was held still.
 
     Raises:
         UnreadableImage: the video does not decode, or the camera was never held still.
@@ -171,22 +164,19 @@ def pick_frames(path: Path, every_s: float | None = None) -> list[int]:
         return [max(window, key=lambda look: look.sharpness).frame for window in windows.values()]
     chosen = choose_still_frames(looks, fps)
     if not chosen:
-        raise UnreadableImage(
-            path,
-            "the camera is never held still: stop for a second at each pose, or take a frame in each so many "
-            "seconds (every_s)",
-        )
+        never = "the camera is never held still: stop for a second at each pose, or take a frame every few seconds"
+        raise UnreadableImage(path, f"{never} (every_s)")
     return chosen
 
 
 def load_frame(path: Path, frame: int) -> np.ndarray:
-    """A frame, (h, w, 3) uint8 sRGB, upright; frames asked for in ascending order are read in one pass.
+    """Read a frame, (h, w, 3) uint8 sRGB, upright; frames in ascending order are read in a single pass.
 
     Raises:
         UnreadableImage: the video does not decode so far.
     """
     path = Path(path)
-    # one reader at a time: it is a position in a file
+    # a single reader at a time: it is a position in a file
     with _LOCK:
         return _cached_reader(path, path.stat().st_mtime_ns).read(frame)
 
@@ -226,7 +216,7 @@ class _Reader:
     def _rewind(self) -> None:
         logging = cv2.utils.logging
         level = logging.getLogLevel()
-        logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # what is wrong with a file is said by the error below
+        logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # the error below names the fault
         try:
             self._capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
         finally:
@@ -255,26 +245,21 @@ def _cached_reader(path: Path, mtime_ns: int) -> _Reader:
 
 
 def _look_through(path: Path) -> tuple[list[FrameLook], float]:
-    reader = _Reader(path)
-    try:
-        fps = reader.facts.fps
+    with closing(_Reader(path)) as reader:
+        fps, frame = reader.facts.fps, 0
         step = max(1, round(fps / LOOKS_PER_S))
         looks: list[FrameLook] = []
-        frame = 0
         while frame < LONGEST_S * fps and (pixels := reader.step()) is not None:
             looks.append(look_at_frame(pixels, frame))
-            frame += 1
+            frame += step
             try:
                 for _ in range(step - 1):
                     reader.skip()
-                    frame += 1
-            except UnreadableImage:
+            except UnreadableImage:  # the end
                 break
         if not looks:
             raise UnreadableImage(path, "a damaged video: no frame decodes")
         return looks, fps
-    finally:
-        reader.close()
 
 
 def _read_start(path: Path) -> datetime | None:
@@ -298,7 +283,7 @@ def _read_start(path: Path) -> datetime | None:
 
 
 def _find_box(file: BinaryIO, kind: bytes, start: int, end: int) -> tuple[int, int] | None:
-    """Where the content of the first box of a kind begins and ends."""
+    """Return where the content of the first box of a kind begins and ends."""
     while start + 8 <= end:
         file.seek(start)
         head = file.read(16)

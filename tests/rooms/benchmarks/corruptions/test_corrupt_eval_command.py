@@ -63,17 +63,9 @@ def test_a_partly_bad_folder_is_evaluated_and_the_bad_part_listed(type_command):
     result = type_command("corrupt-eval", "--data", type_command.data, "--patches", "paint-16", "--corrupt", "fog:1")
     assert result.exit_code == 1
     assert "skipped red/0.png: not an image" in result.output
-    assert "skipped 1 patches of paint-16: no images of blue; --class names those that are meant" in result.output
+    assert "skipped 1 patches of paint-16: no images of blue; choose classes with --class" in result.output
     named = type_command(
-        "corrupt-eval",
-        "--data",
-        type_command.data,
-        "--patches",
-        "paint-16",
-        "--corrupt",
-        "fog:1",
-        "--class",
-        "green",
+        "corrupt-eval", "--data", type_command.data, "--patches", "paint-16", "--corrupt", "fog:1", "--class", "green"
     )
     assert named.exit_code == 0, named.output
 

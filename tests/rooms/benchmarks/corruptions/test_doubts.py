@@ -59,16 +59,14 @@ def test_the_same_weights_with_other_labels_are_another_result(place):
 def test_copies_within_a_class_are_told(place):
     for k in (1, 2):
         shutil.copy(place[1] / "red/0.png", place[1] / f"red/{k}.png")
-    assert list_notes(place) == [
-        "2 images are copies of others, such as red/1.png of red/0.png: each is counted as its own"
-    ]
+    assert list_notes(place) == ["2 images are copies of others, such as red/1.png of red/0.png: each copy counts"]
 
 
 def test_an_image_in_two_classes_is_told(place):
     shutil.copy(place[1] / "red/0.png", place[1] / "blue/2.png")
     (note,) = list_notes(place)
     assert note.startswith(
-        "2 images lie in folders of two classes, such as blue/2.png and red/0.png: they cannot be both"
+        "2 images are in folders of two classes, such as blue/2.png and red/0.png: they cannot be both"
     )
 
 
@@ -76,7 +74,7 @@ def test_a_class_folder_copied_under_another_name_is_told(place):
     shutil.rmtree(place[1] / "blue")
     shutil.copytree(place[1] / "red", place[1] / "blue")
     (note,) = list_notes(place)
-    assert note.startswith("6 images lie in folders of two classes")
+    assert note.startswith("6 images are in folders of two classes")
 
 
 def test_a_class_folder_that_was_renamed_is_asked_about(place):
@@ -88,8 +86,8 @@ def test_a_class_folder_that_was_renamed_is_asked_about(place):
             pixels = np.clip(np.array(colour) + rng.integers(-20, 20, (40, 44, 3)), 0, 255).astype(np.uint8)
             Image.fromarray(pixels).save(place[1] / label / f"{k}.png")
     assert list_notes(place) == [
-        "none of the 3 images of 'blue' is recognised without a corruption, of the others 100 %: is its folder called "
-        "by its class?"
+        "none of the 3 images of 'blue' is recognised without a corruption, but 100 % of the others: does its folder "
+        "have the class's name?"
     ]
 
 

@@ -150,7 +150,7 @@ def test_classes_without_a_picture_are_left_out_for_all(place):
     result, _ = evaluate(place, ("paint-16", "two-16"))
     assert set(result.classes) == {0, 2} and result.labels == {0: "red", 2: "blue"}
     write_set(place[0], "one-16", classes=(1,))
-    with pytest.raises(ToolkitError, match="'one-16' has no picture for any class"):
+    with pytest.raises(ToolkitError, match="'one-16' has no picture for the classes"):
         evaluate(place, ("two-16", "one-16"))
 
 

@@ -135,7 +135,7 @@ def test_a_patch_too_large_is_reported_and_the_rest_is_done(space, redness):
     assert [value["value"] for value in content["values"]] == [40, 80] and len(content["skipped"]) == 1
     with pytest.raises(ToolkitError, match="no value of the sweep can be shot: 80mm: crate: a patch of 80 mm"):
         sweep(space, redness, "size", [80.0])
-    with pytest.raises(ToolkitError, match="'size' varies the patch: name a variant that has one"):
+    with pytest.raises(ToolkitError, match="'size' varies the patch: name the variant 'patched'"):
         sweep(space, redness, "size", [40.0], variants=["unpatched"])
 
 

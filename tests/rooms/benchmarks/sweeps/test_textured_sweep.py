@@ -27,7 +27,7 @@ def test_a_texture_beside_a_patch_of_several_sizes(space, redness):
     }  # fmt: skip
     uv = np.repeat(corner[None], len(item.mesh.faces), axis=0)
     write_texture(space.textures_dir, np.full((8, 8, 3), RED, np.uint8), record, {"crate": uv})
-    with pytest.raises(ToolkitError, match="'size' varies the patch: name a variant that has one"):
+    with pytest.raises(ToolkitError, match="'size' varies the patch: name the variant 'patched'"):
         sweep(space, redness, ["unpatched", "textured"])
     result = sweep(space, redness, ["unpatched", "patched", "textured"])
     assert (result.shot, result.kept) == (8, 4)  # both poses: bare once, the patch twice, the texture once

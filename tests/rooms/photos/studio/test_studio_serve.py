@@ -61,7 +61,7 @@ def test_no_network_is_said(monkeypatch):
             raise OSError(101, "Network is unreachable")
 
     monkeypatch.setattr(serve.socket, "socket", Deaf)
-    with pytest.raises(ToolkitError, match=r"no address in a local network.*by address"):
+    with pytest.raises(ToolkitError, match=r"no address in a local network.*give address"):
         listen(lan=True)
 
 

@@ -1,7 +1,4 @@
-"""A benchmark of boosters that others can enter: an entry is a booster and its record; the pictures are ours.
-
-Here are the rules: what is judged, by whom, how large a booster may be. They are light: commands read options here.
-"""
+"""Rules of the challenge, a benchmark of boosters that others can enter: objects, judges, sizes, and options."""
 
 from collections.abc import Mapping
 from typing import Annotated, Literal
@@ -25,17 +22,15 @@ JUDGES: Mapping[str, str] = {
 LARGEST_PATCH = 1 / 3
 """Side of a patch as a share of the object's longest side."""
 POSES = 18
-"""By plan; as many more are drawn for each version, so that nobody trains on what is judged."""
+"""Poses of the plan; as many more are drawn for each version, so that nobody trains on the judged poses."""
 DRAWN_SEED = 20_260_000 + VERSION
 
 
 class EntryConfig(Config):
-    """Where an entry takes part."""
+    """Division and budget of an entry."""
 
-    budget: Annotated[Budget, Flag()] = Field("patch", description="What is entered.")
-    division: Annotated[Division, Flag()] = Field(
-        "closed", description="The kit's four objects, or objects of your own."
-    )
+    budget: Annotated[Budget, Flag()] = Field("patch", description="Kind of booster.")
+    division: Annotated[Division, Flag()] = Field("closed", description="Four built-in objects, or your own objects.")
     objects: Annotated[tuple[FileName, ...], Flag("--object", metavar="NAME", typed=tuple[str, ...])] = Field(
-        (), description="Of the open division; repeat for more."
+        (), description="Object of the open division; repeat for more."
     )

@@ -37,8 +37,7 @@ class Standing:
     """A line of a leaderboard.
 
     Attributes:
-        rank: from 1; entries of equal lower bounds share a rank. None where there is nothing to rank by.
-        judged: the entry.
+        rank: from 1; entries of equal lower bounds share a rank. None without unseen judges.
         p_next: paired, against the entry below, Holm-corrected over the board; None for the last.
     """
 
@@ -57,10 +56,10 @@ class Standing:
 
 
 def rank_entries(entries: Sequence[Judged]) -> list[Standing]:
-    """Entries of a class, by the lower end of the interval of their gain on networks that they never saw.
+    """Rank entries of a class by the lower end of the interval of their gain on unseen networks.
 
-    Neighbours are compared picture by picture, on the judges that neither saw: each picture, with all judges and
-    conditions, is one draw of the sign-flip test.
+    Neighbours are compared picture by picture, on the judges unseen by both. Each picture, with all judges and
+    conditions, is a draw of the sign-flip test.
     """
     ranked = sorted(entries, key=lambda entry: (entry.score.rank_ci95 is None, -(entry.score.rank_ci95 or (0, 0))[0]))
     pairs = [_compare(first, other) for first, other in pairwise(ranked)]
@@ -79,9 +78,10 @@ def rank_entries(entries: Sequence[Judged]) -> list[Standing]:
 
 
 def _compare(first: Judged, other: Judged) -> float | None:
-    """Sign-flip p on the judges that neither saw; None where there is none, or they share no picture."""
+    """Sign-flip p on the judges unseen by both; None without such judges or shared pictures."""
     judges = {judge.sha256 for judge in first.score.judges if not judge.seen}
     judges &= {judge.sha256 for judge in other.score.judges if not judge.seen}
+    # answers to the booster's pictures by object, pose, judge and condition
     tables = [
         {
             (line.object, line.pose, line.judge_sha256, line.condition): line.correct
@@ -90,6 +90,7 @@ def _compare(first: Judged, other: Judged) -> float | None:
         }
         for judged in (first, other)
     ]
+    # differences of shared answers, averaged by picture
     changes: dict[tuple[str, int], list[int]] = {}
     for key in tables[0].keys() & tables[1].keys():
         changes.setdefault(key[:2], []).append(int(tables[0][key]) - int(tables[1][key]))
@@ -97,7 +98,7 @@ def _compare(first: Judged, other: Judged) -> float | None:
 
 
 def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Standing], list[tuple[str, str]]]:
-    """Write `index.html`, `board.csv` and `NAME.json` of each entry that its own files bear out.
+    """Write `index.html`, `board.csv` and `NAME.json` of each entry whose score follows from its files.
 
     Returns:
         The places, class by class, and (entry, reason) of each that is left out.
@@ -105,7 +106,7 @@ def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Standing], lis
     Raises:
         ToolkitError: no entry is left, or the folder cannot be written.
     """
-    # every score is computed again from its outcomes: what an entry claims is not believed
+    # every score is computed again from its outcomes: the stated score is not believed
     entries, refused = [], []
     for folder in folders:
         faults = rescore(folder)
@@ -113,10 +114,10 @@ def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Standing], lis
             refused.append((str(folder), faults[0]))
         else:
             entries.append(read_judged(folder))
-    # the files below are called by name, on some disks whatever the case
+    # the files below have the entries' names, which some disks read without case
     names = [entry.score.entry.name.lower() for entry in entries]
     for name in {name for name in names if names.count(name) > 1}:
-        raise ToolkitError(f"two entries are called '{name}': give one another name in its entry.json")
+        raise ToolkitError(f"two entries are called '{name}': change a name in its entry.json")
     if not entries:
         raise ToolkitError(f"no entry to rank{f': {refused[0][0]}: {refused[0][1]}' if refused else ''}")
     # only entries of the same division, budget and judges are ranked together
@@ -142,14 +143,14 @@ def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Standing], lis
 
 
 def _name_class(score: Score) -> str:
-    judges = (
-        "the division's judges" if score.is_official else "judges " + ", ".join(judge.name for judge in score.judges)
-    )
+    judges = "the division's judges"
+    if not score.is_official:
+        judges = "judges " + ", ".join(judge.name for judge in score.judges)
     return f"{score.entry.division} division, {score.entry.budget}, version {score.challenge_version}, {judges}"
 
 
 def _embed_pictures(judged: Judged) -> list[tuple[str, list[str]]]:
-    """(object, data URIs) of each object with its booster on it, and of the booster."""
+    """(object, data URIs) of the pictures of each object with its booster, and of the booster."""
     found = []
     for name in judged.entry.objects:
         shown = read_picture(judged, name), judged.entry.read_booster(name).pixels
@@ -158,7 +159,7 @@ def _embed_pictures(judged: Judged) -> list[tuple[str, list[str]]]:
 
 
 def _count_curve(judged: Judged) -> list[tuple[int, float, float]]:
-    """(severity, share right bare, with the booster): clear air is 0; by judges that never saw the entry."""
+    """(severity, accuracy without and with the booster) by unseen judges; severity 0 is clear."""
     judges = {judge.sha256 for judge in judged.score.judges if not judge.seen}
     right: dict[int, dict[str, list[bool]]] = {}
     for outcome in judged.outcomes:

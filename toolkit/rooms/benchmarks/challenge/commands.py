@@ -8,7 +8,7 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, show_table, warn
-from toolkit.core.text import quote
+from toolkit.core.text import count_of, quote
 from toolkit.core.workspace import open_workspace
 from toolkit.engine import EngineConfig
 from toolkit.rooms.benchmarks.challenge import JUDGES, EntryConfig
@@ -29,7 +29,7 @@ def init(
         show_json({"folder": str(made.folder), "objects": list(made.objects), "networks": len(made.record.networks)})
         return
     say(f"{made.folder}: {len(made.objects)} boosters, trained on {len(made.record.networks)} networks")
-    say(f"next: say in {made.folder / ENTRY} who made it and how; toolkit challenge check {quote(made.folder)}")
+    say(f"next: write authors and method into {made.folder / ENTRY}; toolkit challenge check {quote(made.folder)}")
 
 
 def check(
@@ -37,7 +37,7 @@ def check(
     again: Annotated[bool, typer.Option("--rescore", help="Compute its score again from its own files.")] = False,
     as_json: options.Json = False,
 ) -> None:
-    """Check an entry against every rule, one line for each fault; nothing is changed."""
+    """Check an entry against every rule, a line for each fault; nothing is changed."""
     from toolkit.rooms.benchmarks.challenge.entry import check_entry, list_score_folders
     from toolkit.rooms.benchmarks.challenge.score import check_scores, rescore
 
@@ -49,8 +49,8 @@ def check(
     else:
         for fault in faults:
             warn(fault)
-        found = f"{len(faults)} fault{'s' if len(faults) > 1 else ''}" if faults else "no fault"
-        say(f"{entry}: {found}" if faults else f"{entry}: {found}; next: toolkit challenge run {quote(entry)}")
+        found = count_of(len(faults), "fault") if faults else f"no fault; next: toolkit challenge run {quote(entry)}"
+        say(f"{entry}: {found}")
     if faults:
         raise typer.Exit(1)
 
@@ -91,11 +91,11 @@ def run(
         return
     console.print(build_score_table(score))
     if score.rank_gain is None:
-        warn("every judge is a network that the entry was trained on: there is nothing to rank it by")
+        warn("every judge is a network that the entry was trained on, so it has no rank")
     else:
         interval = format_points_interval(score.rank_ci95)
         points = format_points(score.rank_gain) + (f" (95 % {interval})" if interval else "")
-        say(f"gain on networks that it never saw, mean of {len(CONDITIONS)} conditions: {points} points")
+        say(f"gain on unseen networks, mean of {len(CONDITIONS)} conditions: {points} points")
     say(f"score: {judged.folder}; page: {page / 'index.html'}")
     shown = entry if judged.folder.name == SCORE else judged.folder
     say(f"next: toolkit challenge board {quote(shown)} OTHERS… --out FOLDER")
@@ -103,20 +103,20 @@ def run(
 
 def board(
     entries: Annotated[list[Path], typer.Argument(metavar="ENTRY…", help="Folders of entries that were scored.")],
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the leaderboard goes.")] = Path("challenge"),
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder of the leaderboard.")] = Path("challenge"),
     as_json: options.Json = False,
 ) -> None:
-    """Rank entries: index.html, board.csv and a JSON file for each, of scores that agree with their own files."""
+    """Rank entries: write index.html, board.csv and a JSON file for each score that agrees with its own files."""
     from toolkit.core.console import list_skipped
     from toolkit.core.tables import format_p, format_points, format_points_interval
     from toolkit.rooms.benchmarks.challenge.board import write_board
 
     places, refused = write_board(entries, out)
     list_skipped(refused)
+    rows = [place.as_json() for place in places]
     if as_json:
-        show_json([place.as_json() for place in places])
+        show_json(rows)
     else:
-        rows = [place.as_json() for place in places]
         show_table(("rank", "entry", "budget", "gain", "95 %", "p to next"), [
             (
                 row["rank"] or "–", row["entry"], row["budget"],

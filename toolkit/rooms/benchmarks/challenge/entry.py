@@ -1,4 +1,4 @@
-"""An entry: a folder with `entry.json` and a booster for each object; its rules, and the workspace it is judged in."""
+"""An entry: a folder with `entry.json` and a booster for each object; its rules, and the workspace of its judging."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -43,7 +43,7 @@ SCORE, SCORE_FILE, OUTCOMES, PICTURES = "score", "score.json", "outcomes.csv", "
 SCORE_FOLDER = re.compile(rf"{SCORE}(-[1-9]\d{{0,2}})?")
 """Folders of scores: by the first judges, and by others."""
 MOST_LISTED = 20
-"""Largest number of misplaced files that are listed, each on its own line."""
+"""Largest number of misplaced files that are listed."""
 MOST_LETTERS = 2000
 MOST_FILE_BYTES = 64 << 20
 
@@ -65,18 +65,16 @@ Text = Annotated[str, Field(max_length=MOST_LETTERS), AfterValidator(_check_text
 
 
 class EntryRecord(BaseModel):
-    """`entry.json`: what its authors say of it.
+    """`entry.json`, written by the authors of an entry.
 
     Attributes:
-        name: of the entry, also its folder's in results.
-        authors: of whom it is.
-        method: how it was made, in some sentences.
+        name: of the entry, and of its folder in results.
+        method: some sentences on how it was made.
         link: to a paper or to code; may be empty.
-        division, budget: where it takes part: objects and poses of the kit or one's own, patches or whole surfaces.
-        networks: on which it was trained, each with the SHA-256 of its weights. Such a network is no judge of it.
-        seed: seed of its training; None without training.
+        networks: that trained it, with the SHA-256 of their weights. As judges they count as seen.
+        seed: of its training; None without training.
         recipe: the settings, or the command line.
-        training_hours: what all of it took; None: not known.
+        training_hours: of all boosters; None if unknown.
         boosters: SHA-256 of each object's picture.
     """
 
@@ -103,12 +101,7 @@ class EntryRecord(BaseModel):
 
 @dataclass(frozen=True)
 class ChallengeEntry:
-    """A folder that was read.
-
-    Attributes:
-        folder: where it is.
-        record: what its authors say.
-    """
+    """The folder of an entry and its record."""
 
     folder: Path
     record: EntryRecord
@@ -129,13 +122,12 @@ class ChallengeEntry:
 
 @dataclass(frozen=True)
 class EnteredBooster:
-    """A booster of any kind, as an entry needs it.
+    """A booster of any kind.
 
     Attributes:
-        made: the patch, wrap or texture.
-        sha256: of its picture; of a wrap of the hashes of all its pictures.
+        sha256: of its picture, or of the hashes of all pictures of a wrap.
         label, index: of the class that it was trained for.
-        networks: that it was trained on.
+        networks: that trained it.
         files: its files, each with its name without the object's.
     """
 
@@ -166,22 +158,15 @@ def read_booster(path: Path, budget: Budget) -> EnteredBooster:
             raise ToolkitError(f"{path}: is a plan with nothing trained on it: expected a trained wrap")
         names = (RECORD_FILE, MAP_FILE, *(piece_name(piece.number) for piece in wrap.record.pieces))
         files = tuple((f"/{name}", path / name) for name in names)
-        return EnteredBooster(
-            wrap, hash_wrap(wrap.record), wrap.record.class_name, training.class_index, training.networks, files
-        )
+        label, index = wrap.record.class_name, training.class_index
+        return EnteredBooster(wrap, hash_wrap(wrap.record), label, index, training.networks, files)
     made = read_patch(path) if budget == "patch" else read_texture(path)
-    record = made.record
-    return EnteredBooster(
-        made, record.png_sha256, record.class_name, record.class_index, record.networks, tuple(_list_files(path, made))
-    )
+    record, files = made.record, tuple(_list_files(path, made))
+    return EnteredBooster(made, record.png_sha256, record.class_name, record.class_index, record.networks, files)
 
 
 def read_entry(folder: Path) -> ChallengeEntry:
-    """Read `entry.json`.
-
-    Raises:
-        ToolkitError: there is none, or a field is wrong; the message names it.
-    """
+    """Read `entry.json`; a missing file or a wrong field is a `ToolkitError`."""
     folder = Path(folder)
     if not (folder / ENTRY).is_file():
         raise ToolkitError(
@@ -191,7 +176,7 @@ def read_entry(folder: Path) -> ChallengeEntry:
 
 
 def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> ChallengeEntry:
-    """Make an entry of a workspace's own boosters; the words about it are to be filled in.
+    """Make an entry of a workspace's boosters; authors and method are placeholders.
 
     Raises:
         ToolkitError: the folder holds something, or an object has no booster.
@@ -199,13 +184,14 @@ def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Chall
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ToolkitError(f"{folder} is there already: name a new folder")
+    # the objects of the division
     is_closed = config.division == "closed"
     if is_closed and config.objects:
-        expected = "the closed division has its own objects: leave it out, or enter the open one"
+        expected = "the closed division has its own objects: leave it out, or enter the open division"
         raise FieldError(expected, {"objects": config.objects})
     names = CLOSED_OBJECTS if is_closed else config.objects
     if not names:
-        raise FieldError("the open division judges objects of your own: name them", {"objects": ()})
+        raise FieldError("the open division judges your own objects: name them", {"objects": ()})
     places = {"patch": workspace.patches, "wrap": workspace.wraps, "texture": workspace.textures}
     # copy each booster, and note the networks that trained it: as judges they count as seen
     trained: dict[str, NetworkRecord] = {}
@@ -231,7 +217,7 @@ def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Chall
 
 
 def _list_files(png: Path, made: Patch | Texture) -> Iterator[tuple[str, Path]]:
-    """(what follows the picture's name, file) of a booster: picture, record, and of a texture coordinates and masks."""
+    """(end of the name, file) of a booster: picture, record, and a texture's coordinates and masks."""
     names = [".png", ".json"]
     for item in made.record.objects if isinstance(made, Texture) else ():
         names += [uv_name("", item.name)] * (item.uv_sha256 is not None)
@@ -241,7 +227,7 @@ def _list_files(png: Path, made: Patch | Texture) -> Iterator[tuple[str, Path]]:
 
 
 def _list_object_files(folder: Path, name: str) -> list[str]:
-    """The spec of an object, its mesh, and what that names, by their paths in the folder; of the kit's mesh the spec.
+    """Paths in a folder of an object's spec, its mesh, unless that is built in, and the files that the mesh names.
 
     Raises:
         ToolkitError: the spec or the mesh cannot be read, or names a file outside of its folder.
@@ -267,7 +253,7 @@ def list_score_folders(folder: Path) -> list[Path]:
 
 
 def check_entry(folder: Path) -> list[str]:
-    """Every fault of an entry, a line each; none where it may be judged. The entry stays as it is."""
+    """List every fault of an entry, a line each; none if it may be judged. The entry stays as it is."""
     try:
         entry = read_entry(folder)
     except ToolkitError as error:
@@ -277,7 +263,7 @@ def check_entry(folder: Path) -> list[str]:
 
 def _list_faults(entry: ChallengeEntry) -> Iterator[str]:
     record = entry.record
-    # what the record says
+    # version and objects of the record
     if record.challenge_version != VERSION:
         yield f"{ENTRY}: challenge_version {record.challenge_version}: expected {VERSION}, which this toolkit judges"
     for name in sorted(set(entry.objects) ^ set(record.boosters)):
@@ -309,19 +295,21 @@ def _list_missing(entry: ChallengeEntry) -> Iterator[str]:
             yield f"{entry.file_name(name)} is missing: expected the booster of {name}"
         spec = f"{OBJECTS}/{name}.toml"
         if entry.record.division == "open" and not (entry.folder / spec).is_file():
-            yield f"{spec} is missing: the open division judges objects of your own, which go into the entry"
+            yield f"{spec} is missing: the open division judges your own objects, which go into the entry"
 
 
 def _list_known(entry: ChallengeEntry) -> Iterator[str]:
     """The files that may be in an entry, by their paths below its folder."""
     yield from (ENTRY, "README", "README.md", "README.txt")
+    # scores with their pictures and pages
     pictures = (f"{PICTURES}/{name}.png" for name in entry.objects)
     page = (f"page/{name}" for name in ("index.html", "board.csv", f"{entry.record.name}.json"))
     names = (SCORE_FILE, OUTCOMES, *pictures, *page)
     yield from (f"{place.name}/{name}" for place in list_score_folders(entry.folder) for name in names)
+    # boosters, and objects of the open division
     for name in entry.objects:
         own, objects = [entry.file_name(name), f"{BOOSTERS}/{name}.json"], [f"{OBJECTS}/{name}.toml"]
-        with suppress(ToolkitError):  # which is a fault of its own
+        with suppress(ToolkitError):  # another fault
             own = [f"{BOOSTERS}/{name}{suffix}" for suffix, _ in entry.read_booster(name).files]
         yield from own
         if entry.record.division == "open":
@@ -331,13 +319,13 @@ def _list_known(entry: ChallengeEntry) -> Iterator[str]:
 
 
 def _list_stray(entry: ChallengeEntry) -> Iterator[str]:
-    """What has no place in an entry: links, what is too large, and what no rule knows; of very much the first lines."""
+    """List links, large files and files without a place in an entry; only the first lines of many."""
     known = set(_list_known(entry))
     folders = {up.as_posix() for name in known for up in PurePosixPath(name).parents}
     faults: list[str] = []
     waiting = ["."]
     while waiting:
-        # a folder without a place is not looked into, however much or deep it holds
+        # folders without a place are not searched, however much or deep they hold
         for path in sorted((entry.folder / waiting.pop()).iterdir()):
             name = path.relative_to(entry.folder).as_posix()
             if path.is_symlink():
@@ -349,7 +337,7 @@ def _list_stray(entry: ChallengeEntry) -> Iterator[str]:
             ):
                 faults.append(f"{name}: has no place in an entry of the {entry.record.division} division: take it out")
             elif not path.is_file():
-                faults.append(f"{name}: is no file: expected a plain one")
+                faults.append(f"{name}: is no file: expected a plain file")
             elif path.stat().st_size > MOST_FILE_BYTES:
                 faults.append(f"{name}: {path.stat().st_size >> 20} MiB: expected at most {MOST_FILE_BYTES >> 20}")
     yield from faults[:MOST_LISTED]
@@ -383,7 +371,7 @@ def _list_booster_faults(entry: ChallengeEntry, name: str, space: Workspace) -> 
 
 
 def open_space(entry: ChallengeEntry, folder: Path) -> Workspace:
-    """A new workspace in which an entry is judged: its boosters, the kit's objects or its own, and the poses.
+    """Make a workspace with the boosters, objects and poses of an entry, in which it is judged.
 
     Raises:
         ToolkitError: a file is missing or leads out of the entry, or an object cannot be read.
@@ -392,6 +380,7 @@ def open_space(entry: ChallengeEntry, folder: Path) -> Workspace:
     target = {"patch": space.patches_dir, "wrap": space.wraps_dir, "texture": space.textures_dir}[entry.record.budget]
     for fault in _list_missing(entry):
         raise ToolkitError(fault)
+    # only files inside of the entry, of limited size
     for name in entry.objects:
         if entry.record.division == "open":
             _copy_object(inside(entry.folder, OBJECTS), name, space.objects_dir)
@@ -403,15 +392,13 @@ def open_space(entry: ChallengeEntry, folder: Path) -> Workspace:
 
 
 def plan_poses(space: Workspace, names: Sequence[str]) -> CapturePlan:
-    """The plan's 18 poses of each object, and 18 more that the version draws: anywhere above the table."""
+    """Plan 18 poses of each object, and draw 18 more of the version, anywhere above the table."""
     from toolkit.rig.patch_places import draw_poses
 
     items = [load_object(space.object_spec(name)) for name in names]
     camera = Camera.from_fov()
     plan = make_plan(items, camera, Pattern(count=POSES))
     drawn = {item.name: draw_poses(item, camera, POSES, DRAWN_SEED) for item in items}
-    objects = {
-        name: [*poses, *(pose.model_copy(update={"id": POSES + pose.id}) for pose in drawn[name])]
-        for name, poses in plan.objects.items()
-    }
-    return plan.model_copy(update={"objects": objects})
+    for name, poses in drawn.items():
+        plan.objects[name].extend(pose.model_copy(update={"id": POSES + pose.id}) for pose in poses)
+    return plan

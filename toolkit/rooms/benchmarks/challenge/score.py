@@ -1,4 +1,4 @@
-"""An entry rendered, judged and scored; the score is counted from `outcomes.csv` alone, so that all can recount it."""
+"""Render, judge and score an entry; the score follows from `outcomes.csv` alone, so that everybody can recount it."""
 
 import csv
 import io
@@ -66,23 +66,23 @@ from toolkit.rooms.benchmarks.challenge.entry import (
 
 CLEAR, FOG, CORRUPTED = "clear", "fog", "corrupted"
 CONDITIONS = (CLEAR, FOG, CORRUPTED)
-"""Clean air; ImageNet-C's fog of severity 3; each picture in turn gets another of its 75 corruptions."""
+"""Clear; ImageNet-C's fog of severity 3; another of its 75 corruptions for each picture in turn."""
 FOG_SEVERITY = 3
 UNSEEN, SEEN = "unseen", "seen"
 MOST_OUTCOMES_BYTES, MOST_PICTURE_BYTES = 256 << 20, 16 << 20
 Answered = tuple[bool, bool, str, str]
-"""Right bare, right boosted, the object, and the picture."""
+"""Correct without and with the booster, the object, and the picture."""
 SHOWN_POSE = 1
 """Number of the plan's pose from which each booster is shown on its object."""
 LOOK_STRIDE = 4
-"""Each fourth pixel each way says enough of how much the looks change."""
+"""Step of the pixels by which a change of looks is measured."""
 
 
 class Judge(BaseModel):
-    """A network that judges, exactly.
+    """A network that judges.
 
     Attributes:
-        name, sha256: of the network, and of its weights' file.
+        sha256: of its weights' file.
         preprocessing: in words.
         seen: whether the entry was trained on it, by its record's hashes.
         tensors_sha256: of its numbers; None in older scores.
@@ -96,8 +96,8 @@ class Judge(BaseModel):
     tensors_sha256: str | None = None
 
     def is_seen_by(self, record: EntryRecord) -> bool:
-        """Whether an entry says that it was trained on it."""
-        # by what the records hold alone, so that all count the same
+        """Whether an entry names it as a network of its training."""
+        # by the records alone, so that everybody counts the same
         return any(
             network.sha256 == self.sha256
             or (self.tensors_sha256 or "") in (network.tensors_sha256, KNOWN_TENSORS.get(network.sha256))
@@ -109,12 +109,9 @@ class JudgedPicture(BaseModel):
     """A line of `outcomes.csv`: the answer of a judge to a picture.
 
     Attributes:
-        judge_sha256: of whom.
-        object, pose, variant: of the picture.
-        condition, corruption, severity: that it was in.
         picture_sha256: of the file, before it was corrupted.
-        correct: whether the first guess is right.
-        delta_e: CIEDE2000 from the bare object, mean over its pixels; of the booster's own clear pictures, else None.
+        correct: whether the top-1 answer is right.
+        delta_e: mean CIEDE2000 from the unmodified object; None but for the booster's own clear pictures.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -131,14 +128,14 @@ class JudgedPicture(BaseModel):
 
 
 class ScoreRow(BaseModel):
-    """Answers of a judge, or of all seen or unseen judges, to the same pictures bare and boosted.
+    """Answers of a judge to the same pictures without and with the booster.
 
     Attributes:
         judge: its name, or `unseen` or `seen` for all of these together.
-        condition, object, variant: of the pictures; `all` objects together.
-        n, bare, boosted: pictures, and how many are right without and with it.
-        gained, lost, mcnemar_p: of the pairs; judges together are no independent draws, so these have no p.
-        gain, gain_ci95: share right with it less that without, and its interval over objects, see `_estimate`.
+        object: its name, or `all` for all objects together.
+        bare: number of correct answers without the booster, and `boosted` with it, to `n` pictures.
+        mcnemar_p: of the pairs; None for several judges, which are no independent draws.
+        gain: difference of the accuracies, and `gain_ci95` its interval over objects, see `_estimate`.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -160,15 +157,12 @@ class Score(BaseModel):
     """`score.json`.
 
     Attributes:
-        entry: as its authors wrote it.
-        is_official: whether all judges of the closed division judged, and none else.
-        judges: who did.
-        outcomes_sha256: of `outcomes.csv`, of which all that follows is counted.
-        rank_gain, rank_ci95: mean gain over the three conditions on judges that the entry never saw, and its interval
-            over objects, by whose lower end entries are ranked; None where it saw all of them.
-        rows: all that is counted.
+        is_official: whether the judges are exactly those of the closed division.
+        outcomes_sha256: of `outcomes.csv`, from which all else is counted.
+        rank_gain: mean gain over the three conditions on unseen judges; None without any.
+        rank_ci95: its interval over objects; entries are ranked by the lower end.
         delta_e: mean change of looks.
-        non_printability: of the boosters' colours, see `toolkit.imaging.printer.PrintScores`; mean over objects.
+        non_printability: mean of the boosters' colours, see `toolkit.imaging.printer.PrintScores`.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -188,7 +182,7 @@ class Score(BaseModel):
 
     @property
     def unseen(self) -> list[ScoreRow]:
-        """What judges that the entry never saw say of all objects: of its booster by condition, of the controls."""
+        """Rows of the unseen judges for all objects together, by condition and variant."""
         return [row for row in self.rows if (row.judge, row.object) == (UNSEEN, POOLED)]
 
     @property
@@ -198,12 +192,12 @@ class Score(BaseModel):
 
     @property
     def class_of(self) -> tuple[object, ...]:
-        """What must agree for two scores to be compared."""
+        """Properties that comparable scores share."""
         judged = tuple(sorted((judge.sha256, judge.preprocessing) for judge in self.judges))
         return self.challenge_version, self.entry.division, self.entry.budget, judged
 
     def may_replace(self, folder: Path) -> bool:
-        """Whether a folder has no score that can be read, or one of the same judges and variants."""
+        """Whether a folder has no readable score, or a score of the same judges and variants."""
         try:
             there = read_json(folder / SCORE_FILE, Score)
         except ToolkitError:
@@ -223,7 +217,7 @@ class Judged:
 
 
 def describe_judge(record: EntryRecord, judge: Classifier) -> Judge:
-    """Who judges, and whether the entry says that it was trained on these weights."""
+    """Describe a judge, and whether the entry was trained on its weights."""
     named = Judge(
         name=judge.name, sha256=judge.weights.sha256, preprocessing=judge.preprocessing.describe(), seen=False,
         tensors_sha256=hash_network_tensors(judge),
@@ -235,15 +229,16 @@ def write_score(
     entry: ChallengeEntry, judges: Sequence[Judge], outcomes: Sequence[JudgedPicture],
     pictures: Mapping[str, bytes] | None = None,
 ) -> Judged:  # fmt: skip
-    """Count what the judges said, and write the board's pictures (PNG by object), `outcomes.csv` and `score.json`.
+    """Count the judges' answers, and write the board's pictures (PNG by object), `outcomes.csv` and `score.json`.
 
-    The folder is `score`, or `score-2`, … where that holds the score of other judges.
+    The folder is `score`, or `score-2`, … if that holds the score of other judges.
 
     Raises:
         ToolkitError: as `count_score`, or the disk is full.
     """
     cells = ([int(value) if isinstance(value, bool) else value for _, value in outcome] for outcome in outcomes)
     text = encode_csv(list(JudgedPicture.model_fields), cells)
+    # the score of the text as it is written; scores of other judges stay
     score = count_score(entry, judges, outcomes, sha256_bytes(text.encode()))
     folder = find_run_dir(entry.folder / SCORE, score.may_replace)
     for note in explain_run_dir(entry.folder / SCORE, folder):
@@ -258,11 +253,7 @@ def write_score(
 def count_score(
     entry: ChallengeEntry, judges: Sequence[Judge], outcomes: Sequence[JudgedPicture], sha256: str
 ) -> Score:
-    """Count everything that a score says.
-
-    Raises:
-        ToolkitError: an outcome is of a judge that is not named, or a picture was not seen both ways.
-    """
+    """Count a score from its outcomes; a missing judge or half of a pair is a `ToolkitError`."""
     by_sha = {judge.sha256: judge for judge in judges}
     if unknown := next((outcome for outcome in outcomes if outcome.judge_sha256 not in by_sha), None):
         raise ToolkitError(f"{OUTCOMES}: a judge {unknown.judge_sha256[:12]} that {SCORE_FILE} does not name")
@@ -281,7 +272,7 @@ def count_score(
     # the rank counts unseen judges alone
     unseen = [judge.sha256 for judge in groups[UNSEEN]]
     gain, ci95 = table.rank(unseen, entry.record.variant) if unseen else (None, None)
-    # how far the booster changes the picture, and how far it leaves the printable colours
+    # how much the booster changes the picture, and how far its colours are from printable colours
     changes = {(outcome.object, outcome.pose): outcome.delta_e for outcome in outcomes if outcome.delta_e is not None}
     inks = [score_print(entry.read_booster(name).pixels).non_printability for name in entry.objects]
     # official: exactly the division's judges, by the digits of their hashes
@@ -304,20 +295,20 @@ class _Table:
         }
         self.pictures = sorted({(outcome.object, outcome.pose) for outcome in outcomes})
         if len(self.right) < len(outcomes):
-            raise ToolkitError(f"{OUTCOMES}: a judge has two answers for one picture: expected one")
+            raise ToolkitError(f"{OUTCOMES}: a judge has two answers for a picture: expected a single answer")
 
     def variants(self, condition: str) -> list[str]:
-        """That were seen in a condition, but for the bare object."""
+        """Variants in a condition, without `unpatched`."""
         return list(dict.fromkeys(key[4] for key in self.right if key[1] == condition and key[4] != UNPATCHED))
 
     def pairs(self, judges: Sequence[str], condition: str, variant: str, name: str) -> list[Answered]:
-        """What each judge said of each picture, bare and boosted."""
+        """Answers of each judge to each picture, without and with the booster."""
         found = []
         for judge, (item, pose) in product(judges, self.pictures):
             if name in (item, POOLED):
                 both = [self.right.get((judge, condition, item, pose, shown)) for shown in (UNPATCHED, variant)]
                 if None in both:
-                    expected = f"expected an answer bare and {variant}"
+                    expected = f"expected answers to {UNPATCHED} and {variant}"
                     raise ToolkitError(f"{OUTCOMES}: {item}, pose {pose}, {condition}: {expected}")
                 found.append((bool(both[0]), bool(both[1]), item, f"{item} {pose}"))
         return found
@@ -341,8 +332,9 @@ class _Table:
 
 
 def _estimate(pairs: Sequence[Answered]) -> tuple[float, Interval | None]:
-    """Mean gain, and its interval over objects; over pictures for a single object, or if all gain alike."""
+    """Mean gain and its interval over objects, or over pictures for a single object, or if all gain alike."""
     bare, boosted = (np.array([pair[k] for pair in pairs], float) for k in (0, 1))
+    # clusters of the bootstrap: objects, else pictures
     for cluster in (2, 3):
         _, member = np.unique([pair[cluster] for pair in pairs], return_inverse=True)
         gain, ci95 = estimate_difference(boosted, bare, member)
@@ -352,7 +344,7 @@ def _estimate(pairs: Sequence[Answered]) -> tuple[float, Interval | None]:
 
 
 def build_score_table(score: Score) -> Table:
-    """A line for each condition and variant, of all judges that the entry never saw and of all that it saw."""
+    """A line for each condition and variant, of all unseen and all seen judges."""
     shown = [row for row in score.rows if row.judge in (UNSEEN, SEEN) and row.object == POOLED]
     cells = [
         [
@@ -369,11 +361,12 @@ def build_score_table(score: Score) -> Table:
 
 
 def read_judged(folder: Path) -> Judged:
-    """An entry with its score, as it stands in the files; `folder` is the entry's, or that of a score in it.
+    """Read an entry with its score; `folder` is the entry's, or that of a score in it.
 
     Raises:
         ToolkitError: no entry, no score, or a damaged score.
     """
+    # the folder of a score, or of an entry with a score
     name = Path(folder).name
     is_score = SCORE_FOLDER.fullmatch(name) is not None and not (Path(folder) / ENTRY).exists()
     entry = read_entry(Path(folder).parent if is_score else folder)
@@ -400,30 +393,22 @@ def _read_outcomes(file: Path) -> list[JudgedPicture]:
 
 
 def read_picture(judged: Judged, name: str) -> np.ndarray:
-    """(h, w, 3) uint8 sRGB: the booster on an object, as it was judged.
-
-    Raises:
-        ToolkitError: the picture is missing, another than `outcomes.csv` names, or no picture.
-    """
+    """Read the picture (h, w, 3) uint8 sRGB of the booster on an object, with the hash in `outcomes.csv`."""
     file = inside(judged.entry.folder, f"{judged.folder.name}/{PICTURES}/{name}.png")
     content = read_bytes(file, MOST_PICTURE_BYTES)
     wanted = (name, SHOWN_POSE, judged.entry.record.variant)
-    hashes = {
-        outcome.picture_sha256
-        for outcome in judged.outcomes
-        if (outcome.object, outcome.pose, outcome.variant) == wanted
-    }
-    if hashes != {sha256_bytes(content)}:
+    lines = (line for line in judged.outcomes if (line.object, line.pose, line.variant) == wanted)
+    if {line.picture_sha256 for line in lines} != {sha256_bytes(content)}:
         raise ToolkitError(f"{file}: is not the picture that was judged: run the entry again")
     return decode_image(content, file)
 
 
 def check_scores(folder: Path) -> list[str]:
-    """Why scores of an entry cannot be read, a line each; none where all can, or where there are none yet."""
+    """List why scores of an entry cannot be read, a line each."""
     faults = []
     for place in list_score_folders(folder):
         if not any((place / name).exists() for name in (SCORE_FILE, OUTCOMES)):
-            continue  # it was begun
+            continue  # not finished yet
         try:
             judged = read_judged(place)
             for name in judged.entry.objects:
@@ -434,9 +419,10 @@ def check_scores(folder: Path) -> list[str]:
 
 
 def rescore(folder: Path) -> list[str]:
-    """What of a score does not follow from its files, a line each; none where all does. `folder` as `read_judged`."""
+    """List parts of a score that do not follow from its files, a line each; `folder` as in `read_judged`."""
     try:
         judged = read_judged(folder)
+        # count again, also which judges are seen
         sha256 = sha256_file(judged.folder / OUTCOMES)
         record = judged.entry.record
         judges = [judge.model_copy(update={"seen": judge.is_seen_by(record)}) for judge in judged.score.judges]
@@ -445,6 +431,7 @@ def rescore(folder: Path) -> list[str]:
             read_picture(judged, name)
     except ToolkitError as error:
         return [str(error)]
+    # compared field by field
     said, found = (score.model_dump(mode="json", exclude={"toolkit_version"}) for score in (judged.score, again))
     return [
         f"{judged.folder.name}/{SCORE_FILE}: {name}: is not what {OUTCOMES} and {ENTRY} give: run the entry again"
@@ -454,7 +441,7 @@ def rescore(folder: Path) -> list[str]:
 
 
 def describe_rank(score: Score) -> dict[str, Any]:
-    """The numbers that a leaderboard shows of a score, as JSON and CSV have them."""
+    """Numbers of a score for a leaderboard, as JSON and CSV have them."""
     rows = {row.condition: row for row in score.pooled}
     return {
         "entry": score.entry.name, "authors": "; ".join(score.entry.authors), "link": score.entry.link,
@@ -471,10 +458,10 @@ def run_entry(
     entry: ChallengeEntry, judges: Sequence[Classifier], workspace: Workspace, engine: Engine | None = None,
     *, with_controls: bool = True,
 ) -> Judged:  # fmt: skip
-    """Render an entry, let the judges say what they see, and write `score/` in its folder, see `write_score`.
+    """Render an entry, ask the judges, and write `score/` in its folder, see `write_score`.
 
-    Pictures and answers are kept in `eval/challenge/` of the workspace: a run that was stopped goes on, and bare
-    pictures serve all entries.
+    Pictures and answers are kept in `eval/challenge/` of the workspace. Interrupted runs resume, and pictures without
+    boosters serve all entries.
 
     Raises:
         ToolkitError: the entry breaks a rule, no judges, two of the same weights, or the disk is full.
@@ -484,9 +471,9 @@ def run_entry(
         more = f" (and {len(faults) - 1} more: 'toolkit challenge check {entry.folder}')" if len(faults) > 1 else ""
         raise ToolkitError(f"{entry.folder}: {faults[0]}{more}")
     if len({judge.weights.sha256 for judge in judges}) < max(1, len(judges)):
-        raise FieldError("expected at least one network, each once", {"judge": [judge.name for judge in judges]})
+        raise FieldError("expected networks, each once", {"judge": [judge.name for judge in judges]})
     home = workspace.eval_dir / "challenge"
-    # each judge answers the same captures, of which the entry's own are measured against the bare object
+    # each judge answers the same captures; the entry's own are compared with the unmodified object
     captures = _shoot(entry, home, engine, with_controls)
     looks = dict(_measure_looks(entry, captures, home))
     outcomes: list[JudgedPicture] = []
@@ -494,20 +481,19 @@ def run_entry(
         notice(f"{judge.name} judges")
         outcomes += _ask(entry, judge, captures, home, looks)
     # the board shows a picture of each object
-    shown = (entry.record.variant, SHOWN_POSE)
-    pictures = {
-        capture.object: capture.file.read_bytes() for capture in captures if (capture.variant, capture.pose_id) == shown
-    }
+    own = [capture for capture in captures if (capture.variant, capture.pose_id) == (entry.record.variant, SHOWN_POSE)]
+    pictures = {capture.object: capture.file.read_bytes() for capture in own}
     return write_score(entry, [describe_judge(entry.record, judge) for judge in judges], outcomes, pictures)
 
 
 def _shoot(entry: ChallengeEntry, home: Path, engine: Engine | None, with_controls: bool) -> list[Capture]:
-    """The pictures of an entry; those that any entry before has alike are copied: bare, and with noise or grey."""
+    """Shoot the pictures of an entry; equal pictures of other entries are copied: without a booster, and controls."""
     space = open_space(entry, home / entry.record.name)
     controls = CONTROLS_OF.get(entry.record.variant, ()) if with_controls else ()
     if "wrong-patch" in controls and len(entry.objects) < 2:
         controls = tuple(name for name in controls if name != "wrong-patch")
     variants = (UNPATCHED, entry.record.variant, *controls)
+    # images of all entries serve as a store
     sources = sorted(home.glob(f"*/{space.captures_dir.name}/sim"))
     stored = {key: image for source in sources for key, image in index_images(source).items()}
     settings, plan = ShootSettings(image_format="png"), read_plan(space.plan_file)
@@ -516,19 +502,20 @@ def _shoot(entry: ChallengeEntry, home: Path, engine: Engine | None, with_contro
         raise ToolkitError(f"{done.failed[0][0]}: {done.failed[0][1]}: a score needs all pictures: run it again")
     wanted = {f"{name}/{variant}" for name in entry.objects for variant in variants}
     found = read_captures(done.source_dir).captures
-    return [found_file for found_file in found if found_file.path_in_source.rpartition("/")[0] in wanted]
+    return [capture for capture in found if capture.path_in_source.rpartition("/")[0] in wanted]
 
 
 def _measure_looks(
     entry: ChallengeEntry, captures: Sequence[Capture], home: Path
 ) -> Iterator[tuple[tuple[str, int], float]]:
-    """By object and pose, CIEDE2000 between the bare and the boosted picture, mean over the object's pixels."""
+    """Mean CIEDE2000 between the pictures without and with the booster, by object and pose."""
     space_root = home / entry.record.name
     plan = read_plan(space_root / "rig" / "plan.json")
     by_key = {(capture.object, capture.variant, capture.pose_id): capture for capture in captures}
     for name in entry.objects:
         scene = make_ray_scene(load_object(Workspace(space_root).object_spec(name)).mesh)
         camera = plan.camera
+        # pixels whose rays meet the object
         x, y = np.meshgrid(*(np.arange(0, side, LOOK_STRIDE) for side in (camera.width, camera.height)))
         pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
         for pose in plan.objects[name]:
@@ -555,12 +542,11 @@ def _ask(
     classes = find_true_classes(read_captures(space.captures_dir), space, judge)
     chosen = choose_corruptions((capture.object, capture.pose_id or 0) for capture in captures)
     paired = [capture for capture in captures if capture.variant in (UNPATCHED, entry.record.variant)]
-    # in clear air all variants with the controls, in fog and corrupted only the bare and boosted object
+    # clear: all variants with the controls; in fog and corrupted: only the pairs
     asked: list[tuple[str, Capture]] = [(CLEAR, capture) for capture in captures]
     asked += [(FOG, replace(capture, corruption=(FOG, FOG_SEVERITY))) for capture in paired]
-    asked += [
-        (CORRUPTED, replace(capture, corruption=chosen[capture.object, capture.pose_id or 0])) for capture in paired
-    ]
+    drawn = [chosen[capture.object, capture.pose_id or 0] for capture in paired]
+    asked += [(CORRUPTED, replace(capture, corruption=own)) for capture, own in zip(paired, drawn, strict=True)]
     said, _ = predict_once([capture for _, capture in asked], classes, judge, home / "answers.jsonl")
     hashes = {capture.path: sha256_file(capture.file) for capture in captures}
     for (condition, capture), answer in zip(asked, said, strict=True):

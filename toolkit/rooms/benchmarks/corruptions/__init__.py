@@ -1,6 +1,6 @@
-"""The corruption benchmark: a data set with patches in it, corrupted, shown to a classifier (the paper, Appendix D).
+"""The corruption benchmark: a corrupted data set with patches, shown to a classifier (the paper, Appendix D).
 
-The settings are declared here once, for the command line and for Python; nothing heavy is loaded for them.
+Here are its settings, for the command line and for Python; nothing heavy is loaded for them.
 """
 
 from typing import Annotated
@@ -14,12 +14,12 @@ from toolkit.evaluation import Corruptions, RunName
 
 CLEAN = "clean"
 Condition = tuple[str, int]
-"""(corruption, severity) of the images in a cell; `clean` and 0 where they are not corrupted."""
+"""(corruption, severity) of the images in a cell; `clean` and 0 without a corruption."""
 NOT_CORRUPTED: Condition = (CLEAN, 0)
 
 
 class CorruptEvalConfig(Config):
-    """One run of the corruption benchmark; see `evaluate_benchmark`."""
+    """A run of the corruption benchmark; see `evaluate_benchmark`."""
 
     patches: Annotated[tuple[str, ...], Flag(metavar="SET[@MODEL]")] = Field(
         (), description="Patch set below print/patches, repeatable; SET@MODEL is answered by another classifier."
@@ -31,7 +31,7 @@ class CorruptEvalConfig(Config):
         (), description="Label, index or WordNet id. Default: all with images and patches."
     )
     per_class: Annotated[int | None, Field(ge=1), Flag()] = Field(
-        None, description="At most so many images of each class, drawn by the seed."
+        None, description="Largest number of images of each class, drawn by the seed."
     )
     placement: Placement = Field(default_factory=Placement)
     run: Annotated[RunName | None, Flag(metavar="NAME")] = Field(

@@ -1,4 +1,4 @@
-"""The benchmark's figures: a variant as in the paper's Figures 12 to 20, and all variants in one picture."""
+"""The benchmark's figures: a variant as in the paper's Figures 12 to 20, and all variants in a picture."""
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
@@ -55,7 +55,7 @@ OVERVIEW_MIN_WIDTH_IN, OVERVIEW_MAX_WIDTH_IN, TITLE_CHARACTERS = 7.0, 10.0, 64
 
 
 def place_corruptions(names: Iterable[str], has_mean: bool) -> dict[str, float]:
-    """Where each corruption stands along the axis: a step each, a gap between families, and the mean last."""
+    """Place corruptions along the axis: a step each, a gap between families, and the mean last."""
     places: dict[str, float] = {}
     x, family = 0.0, None
     for name in names:
@@ -69,17 +69,16 @@ def place_corruptions(names: Iterable[str], has_mean: bool) -> dict[str, float]:
 
 
 def label_places(panel: "Axes", places: dict[str, float], is_coloured: bool, size: float = 10) -> None:
-    """Names of the corruptions below a panel, tilted where they are many and in their family's colour if wanted."""
+    """Write the names of corruptions below a panel, tilted if they are many and in their family's colour if wanted."""
     names = [MEAN if name == MEAN else name_corruption(name) for name in places]
-    tilt: dict[str, Any] = (
-        {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if len(places) > FEW_PLACES else {}
-    )
+    is_tilted = len(places) > FEW_PLACES
+    tilt: dict[str, Any] = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if is_tilted else {}
     panel.set_xticks(list(places.values()), names, **tilt)
     panel.tick_params(axis="x", length=0, labelsize=size)
     for tick, name in zip(panel.get_xticklabels(), places, strict=True):
         tick.set_color(colour_of(name) if is_coloured else MEAN_COLOUR)
         tick.set_fontweight("bold" if name == MEAN else "normal")
-    # few bars keep a width of their own instead of filling the panel
+    # a few bars do not fill the panel
     centre = max(places.values()) / 2
     half = max(centre + 0.7, MIN_PLACES / 2)
     panel.set_xlim(centre - half, centre + half)
@@ -110,7 +109,7 @@ def style_shares(panel: "Axes", ylabel: str) -> None:
 def stack_reader(
     panel: "Axes", x: Sequence[float], width: float, right: Sequence[float], wrong: Sequence[float]
 ) -> None:
-    """A reader's bars: right, then wrong, then not decoded, up to 100."""
+    """Draw a reader's bars: right, then wrong, then not decoded, up to 100."""
     base = [0.0] * len(x)
     parts = (right, wrong, [1 - a - b for a, b in zip(right, wrong, strict=True)])
     for shares, colour in zip(parts, (RIGHT_COLOUR, WRONG_COLOUR, NOT_DECODED_COLOUR), strict=True):
@@ -137,7 +136,7 @@ def is_reader(row: VariantMean) -> bool:
 def save_png(figure: "Figure") -> bytes:
     """The figure as PNG, the same bytes for the same picture."""
     for panel in figure.axes:
-        # inside the panel all the same; measuring hundreds of bars is most of the time of a layout
+        # they are inside the panel anyway, and measuring hundreds of bars takes most of a layout's time
         for artist in (*panel.patches, *panel.collections, *panel.lines):
             artist.set_in_layout(False)
     return encode_figure(figure)
@@ -145,7 +144,7 @@ def save_png(figure: "Figure") -> bytes:
 
 @with_default_style
 def draw_variant(summary: Summary, row: VariantMean, title: str = "") -> bytes:
-    """PNG of two panels: the average of each corruption, and below it a bar for each severity where there are several.
+    """PNG of two panels: the average of each corruption, and below it a bar for each severity if there are several.
 
     Dashed: the images without a patch, same network. A reader's bars are split into right, wrong and not decoded.
     The summary has at least one corruption; `title` is the variant's display name.
@@ -188,6 +187,7 @@ def _draw_averages(
         stack_reader(panel, x, BAR, top1, [own[name].wrong or 0.0 for name in places])
     else:
         panel.bar(x, [100 * share for share in top1], width=BAR, color=[colour_of(name) for name in places], zorder=2)
+    # intervals of the averages, and marks of the images without patches
     intervals = [(x, own[name].top1_ci95) for name, x in places.items()]
     known = [(x, 100 * interval[0], 100 * interval[1]) for x, interval in intervals if interval]
     places_x, low, high = zip(*known, strict=True) if known else ((), (), ())
@@ -196,10 +196,10 @@ def _draw_averages(
     _draw_without(panel, x, BAR, list(marks.values()), "--")
     for name, at, share, (_, interval) in zip(places, x, top1, intervals, strict=True):
         end = max(share, interval[1]) if interval else share
-        # a number that would lie on the mark of the images without patches stands above that
+        # a number stands above the mark of the images without patches
         if end < marks.get(name, 0.0) < end + HIDES_NUMBER:
             end = marks[name]
-        # a reader's bars have two colours: its numbers need a ground of their own
+        # a reader's bars have two colours: its numbers need a background
         behind = {"boxstyle": "square,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.75 if is_reader(row) else 0}
         panel.annotate(
             format_percent(share), (at, 100 * end), (0, 2), textcoords="offset points", ha="center", va="bottom",
@@ -214,22 +214,22 @@ def _draw_severities(
     without = summary.cells_of(before) if before else {}
     step = GROUP / max(len(summary.severities), MIN_GROUP)
     for i, severity in enumerate(summary.severities):
+        # corruptions that were run at this severity, and their mean
         ran = [name for name, severities in summary.corruptions.items() if severity in severities]
         members = {name: [name] for name in ran}
         if summary.has_same_severities:
             members[MEAN] = [name for name in ran if name in COMMON]
-        keys = [
-            (place, [(corruption, severity) for corruption in members.get(name, [])]) for name, place in places.items()
-        ]
-        shown = [own for _, own in keys if own]
-        x = [place + step * (i - (len(summary.severities) - 1) / 2) for place, own in keys if own]
+        keys = {name: [(corruption, severity) for corruption in members.get(name, [])] for name in places}
+        names = [name for name in places if keys[name]]
+        shown = [keys[name] for name in names]
+        x = [places[name] + step * (i - (len(summary.severities) - 1) / 2) for name in names]
         # every cell has the same images, so a mean of shares is the share of the mean
         top1 = [sum(cells[key].top1 for key in own) / len(own) for own in shown]
         if is_reader(row):
             wrong = [sum((cells[key].wrong or 0) / cells[key].n for key in own) / len(own) for own in shown]
             stack_reader(panel, x, step * 0.86, top1, wrong)
         else:
-            colours = [shade(colour_of(name), severity) for name, (_, own) in zip(places, keys, strict=True) if own]
+            colours = [shade(colour_of(name), severity) for name in names]
             panel.bar(x, [100 * share for share in top1], width=step * 0.94, color=colours, zorder=2)
         if without:
             _draw_without(panel, x, step, [sum(without[key].top1 for key in own) / len(own) for own in shown], "-")
@@ -275,7 +275,7 @@ def draw_overview(summary: Summary, names: Mapping[str, str] = MappingProxyType(
         names: display names of variants and answerers; others are shown as they are called.
     """
     titles = [_name_row(summary, row, names) for row in summary.variants]
-    # without any patches the bare rows are all that there is
+    # without any patches the rows of `unpatched`
     lined = [row for row in summary.variants if row.variant != UNPATCHED] or list(summary.variants)
     columns = min(SMALL_COLUMNS, len(lined))
     bands = -(-len(lined) // columns) if len(summary.corruptions) > 1 else 0
@@ -297,14 +297,17 @@ def draw_overview(summary: Summary, names: Mapping[str, str] = MappingProxyType(
 
 
 def _colour_of_row(row: VariantMean) -> str:
-    """Grey without patches, and a colour each for networks and readers of codes: rows are told by their names."""
+    """Grey without patches, else a colour for networks and another for readers of codes."""
     if row.variant == UNPATCHED:
         return UNPATCHED_COLOUR
     return GREEN if is_reader(row) else BLUE
 
 
 def _draw_means(panel: "Axes", summary: Summary, titles: Sequence[str]) -> "list[Artist]":
-    """Draw the bars; returns what the legend must say."""
+    """Draw the bars; returns the legend's entries."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
     has_mean = any(row.top1 is not None for row in summary.variants)
     for y, row in enumerate(summary.variants):
         share, wrong = (row.top1, row.wrong) if has_mean else (row.clean_top1, row.clean_wrong)
@@ -317,6 +320,7 @@ def _draw_means(panel: "Axes", summary: Summary, titles: Sequence[str]) -> "list
             misread = 100 * (wrong or 0.0)
             panel.barh(y, misread, left=100 * share, height=OVERVIEW_BAR, color=WRONG_HATCHED, hatch="////", ec="w")
             panel.barh(y, 100 - end, left=end, height=OVERVIEW_BAR, color=NOT_DECODED_COLOUR, zorder=1)
+        # interval, and a diamond for clean images
         if has_mean and row.top1_ci95:
             panel.hlines(y, 100 * row.top1_ci95[0], 100 * row.top1_ci95[1], color="#111111", lw=1.6, zorder=4)
         if has_mean and row.clean_top1 is not None:
@@ -333,19 +337,12 @@ def _draw_means(panel: "Axes", summary: Summary, titles: Sequence[str]) -> "list
     lines = textwrap.wrap(summary.mean_of if has_mean else "clean images", TITLE_CHARACTERS)
     panel.set_title("\n".join([f"{CORRECT}; n = {summary.n} images", *lines]), fontsize=11, loc="left")
     has_clean = any(row.clean_top1 is not None for row in summary.variants)
-    return _list_marks(has_mean, has_mean and has_clean, any(map(is_reader, summary.variants)))
-
-
-def _list_marks(has_mean: bool, has_clean: bool, has_reader: bool) -> "list[Artist]":
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
     handles: list[Artist] = []
     if has_mean:
         handles.append(Line2D([], [], color="#111111", lw=1.6, label="95 % interval"))
-    if has_clean:
+    if has_mean and has_clean:
         handles.append(Line2D([], [], lw=0, marker="d", ms=7, mfc="white", mec="#111111", label="clean images"))
-    if has_reader:
+    if any(map(is_reader, summary.variants)):
         handles.append(Patch(fc=WRONG_HATCHED, ec="w", hatch="////", label="another code read"))
         handles.append(Patch(color=NOT_DECODED_COLOUR, label="no code read"))
     return handles

@@ -1,4 +1,4 @@
-"""From ranks to numbers: shares, means, corruption errors and differences, with what they can show."""
+"""From ranks to numbers: shares, means, corruption errors and differences, with their intervals."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -31,11 +31,8 @@ ALEXNET_ERRORS = {
     "frost": 0.826572, "fog": 0.819324, "brightness": 0.564592, "contrast": 0.853204,
     "elastic_transform": 0.646056, "pixelate": 0.717840, "jpeg_compression": 0.606500,
 }  # fmt: skip
-"""Top-1 error, mean of the five severities on the 50 000 images of ImageNet-C.
-
-Hendrycks and Dietterich, ICLR 2019, Table 1 (there in whole per cent), to the digits of their code in
-hendrycks/robustness.
-"""
+"""AlexNet's mean top-1 error over the severities of ImageNet-C, in the digits of hendrycks/robustness (Hendrycks and
+Dietterich, ICLR 2019, Table 1)."""
 
 ALEXNET_SOURCE = (
     "errors of AlexNet on ImageNet-C as published (Hendrycks and Dietterich 2019, Table 1; hendrycks/robustness). They "
@@ -57,11 +54,11 @@ class Series:
 
     @property
     def who(self) -> dict[str, Any]:
-        """The fields that all of its rows begin with."""
+        """First fields of all its rows."""
         return {"variant": self.variant, "answerer": self.answerer, "kind": self.kind}
 
     def average(self, is_so: Callable[[np.ndarray], np.ndarray], keys: Sequence[Condition]) -> np.ndarray:
-        """(n,) share of cells in which this is so of an image: over severities, then over corruptions."""
+        """(n,) share of cells in which `is_so` holds for an image: over severities, then over corruptions."""
         shares: dict[str, list[np.ndarray]] = {}
         for corruption, severity in keys:
             shares.setdefault(corruption, []).append(is_so(self.ranks[corruption, severity]))
@@ -69,15 +66,15 @@ class Series:
         return np.mean([np.mean(own, axis=0) for own in shares.values()], axis=0)
 
     def right(self, keys: Sequence[Condition]) -> np.ndarray:
-        """(n,) `average` of being right at the first guess."""
+        """(n,) `average` of top-1."""
         return self.average(lambda ranks: ranks == RIGHT, keys)
 
     def error(self, keys: Sequence[Condition]) -> float:
-        """Share that is not right."""
+        """Top-1 error."""
         return 1 - float(self.right(keys).mean())
 
     def others(self, keys: Sequence[Condition]) -> dict[str, Any]:
-        """`top5` of a network, `wrong` and `not_decoded` of a reader: shares; None of the other, and without cells."""
+        """Shares `top5` of a network, `wrong` and `not_decoded` of a reader; None for the others, and without cells."""
         is_so = {"top5": lambda ranks: ranks <= TOP}
         if self.kind == READER:
             is_so = {"wrong": lambda ranks: ranks == WRONG, "not_decoded": lambda ranks: ranks == NOT_DECODED}
@@ -85,7 +82,7 @@ class Series:
         return dict.fromkeys(("top5", "wrong", "not_decoded")) | found
 
     def mean(self, keys: Sequence[Condition], classes: np.ndarray) -> dict[str, Any]:
-        """`others`, and `top1` with its interval over classes: images of a class share its patch, cells the images."""
+        """`others`, and `top1` with its interval over classes, as images of a class share its patch."""
         top1, ci95 = estimate_share(self.right(keys), classes) if keys else (None, None)
         return {"top1": top1, "top1_ci95": ci95, **self.others(keys)}
 
@@ -98,11 +95,8 @@ def summarise(benchmark: Benchmark) -> Summary:
         ValueError: the ranks of a cell do not match the images, or the variants have different cells.
     """
     every = _collect(benchmark)
-    levels: dict[str, tuple[int, ...]] = {
-        name: tuple(sorted(severity for corruption, severity in every[0].ranks if corruption == name))
-        for name in CORRUPTIONS
-    }
-    levels = {name: own for name, own in levels.items() if own}
+    found = {name: sorted(severity for other, severity in every[0].ranks if other == name) for name in CORRUPTIONS}
+    levels: dict[str, tuple[int, ...]] = {name: tuple(own) for name, own in found.items() if own}
     common = [(name, severity) for name in levels if name in COMMON for severity in levels[name]]
     # mCE is defined for all fifteen corruptions at all five severities
     is_whole = all(levels.get(name) == SEVERITIES for name in COMMON)
@@ -112,49 +106,35 @@ def summarise(benchmark: Benchmark) -> Summary:
     if benchmark.about.get("is_imagenet") and benchmark.about.get("parameters") == IMAGENET:
         references["alexnet"] = ALEXNET_SOURCE
     alexnet = ALEXNET_ERRORS if "alexnet" in references else {}
-    means = {
-        (series.variant, series.answerer): [
-            _mean_corruption(series, unpatched.get(series.answerer), name, own, benchmark.classes, alexnet)
-            for name, own in levels.items()
-        ]
-        for series in every
-    }
-    rows = [
-        _mean_variant(series, means[series.variant, series.answerer], common, is_whole, benchmark) for series in every
-    ]
+    # rows of each network or reader, against its own images without patches
+    rows, means, cells = list[VariantMean](), list[CorruptionMean](), list[BenchmarkCell]()
+    for series in every:
+        before = unpatched.get(series.answerer)
+        own = [_mean_corruption(series, before, name, levels[name], benchmark.classes, alexnet) for name in levels]
+        rows.append(_mean_variant(series, own, common, is_whole, benchmark))
+        means += own
+        cells += _count_cells(series, before, tuple(levels))
     return Summary(
-        about=benchmark.about,
-        n=len(benchmark.ids),
-        n_classes=len(np.unique(benchmark.classes)),
-        corruptions=levels,
-        mean_of=describe_mean(levels, is_whole),
-        is_whole=is_whole,
-        references=references,
-        variants=tuple(rows),
-        differences=tuple(_compare(every, rows, common, benchmark.classes)),
-        means=tuple(mean for own in means.values() for mean in own),
-        cells=tuple(
-            cell for series in every for cell in _count_cells(series, unpatched.get(series.answerer), tuple(levels))
-        ),
-        failed=tuple(list_reasons(benchmark.failed)),
-        notes=benchmark.notes,
-    )
+        about=benchmark.about, n=len(benchmark.ids), n_classes=len(np.unique(benchmark.classes)), corruptions=levels,
+        mean_of=describe_mean(levels, is_whole), is_whole=is_whole, references=references, variants=tuple(rows),
+        differences=tuple(_compare(every, rows, common, benchmark.classes)), means=tuple(means), cells=tuple(cells),
+        failed=tuple(list_reasons(benchmark.failed)), notes=benchmark.notes,
+    )  # fmt: skip
 
 
 def _collect(benchmark: Benchmark) -> list[Series]:
-    """By who answers as they come, each with `unpatched` first."""
+    """Group ranks by answerer, in their order, each with `unpatched` first."""
     n = len(benchmark.ids)
     by_row: dict[tuple[str, str], Series] = {}
     for cell in benchmark.cells:
-        series = by_row.setdefault(
-            (cell.variant, cell.recogniser), Series(cell.variant, cell.recogniser, cell.kind, {})
-        )
+        who = (cell.variant, cell.recogniser)
+        series = by_row.setdefault(who, Series(*who, cell.kind, {}))
         if np.shape(cell.ranks) != (n,) or n == 0:
             raise ValueError(f"ranks of {cell.variant}, {cell.corruption}: {np.shape(cell.ranks)} for {n} images")
         if (cell.corruption, cell.severity) in series.ranks:
             raise ToolkitError(
-                f"two networks called '{cell.recogniser}' saw {cell.variant}: give one another name, or evaluate "
-                "them in runs of their own"
+                f"two networks called '{cell.recogniser}' answered {cell.variant}: rename a network, or evaluate them "
+                "in separate runs"
             )
         series.ranks[cell.corruption, cell.severity] = np.asarray(cell.ranks)
     # means over other cells would be other means
@@ -168,7 +148,7 @@ def _mean_corruption(
     series: Series, unpatched: Series | None, name: str, severities: tuple[int, ...], classes: np.ndarray,
     alexnet: Mapping[str, float],
 ) -> CorruptionMean:  # fmt: skip
-    """Mean over the severities of a corruption; `alexnet` has the errors that it may be divided by."""
+    """Mean over the severities of a corruption; `alexnet` has AlexNet's errors, if they apply."""
     keys, is_network = [(name, severity) for severity in severities], series.kind != READER
     ce_alexnet = ce_unpatched = None
     if is_network and name in alexnet and severities == SEVERITIES:
@@ -242,9 +222,8 @@ def _compare(
             if NOT_CORRUPTED in before.ranks:
                 others.append(("clean unpatched", UNPATCHED, series.answerer, before.right([NOT_CORRUPTED])))
         # the fairest rival: the best other set whose patches have the same size
-        equals = [
-            other for other in rows if other.patch_px == row.patch_px is not None and other.variant != row.variant
-        ]
+        sized = [other for other in rows if other.patch_px == row.patch_px is not None]
+        equals = [other for other in sized if other.variant != row.variant]
         if equals:
             best = max(equals, key=lambda other: other.top1 or 0.0)
             others.append(("best of its size", best.variant, best.answerer, scores[best.variant, best.answerer]))

@@ -16,16 +16,8 @@ from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.engine import EngineConfig
 from toolkit.evaluation import check_run_name
 from toolkit.evaluation.page import write_page
-from toolkit.evaluation.run_files import (
-    CELLS as CELLS_CSV,
-)
-from toolkit.evaluation.run_files import (
-    SUMMARY,
-    explain_run_dir,
-    find_run_dir,
-    lacks_other_inputs,
-    write_run,
-)
+from toolkit.evaluation.run_files import CELLS as CELLS_CSV
+from toolkit.evaluation.run_files import SUMMARY, explain_run_dir, find_run_dir, lacks_other_inputs, write_run
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.imaging.style import RIGHT, WRONG, name_network, name_variant
 from toolkit.models.load import load_classifier
@@ -36,7 +28,6 @@ from toolkit.rooms.benchmarks.corruptions.benchmark_means import summarise
 from toolkit.rooms.benchmarks.corruptions.benchmark_summary import (
     BenchmarkCell,
     Summary,
-    VariantMean,
     judge_benchmark,
     label_row,
     name_corruption,
@@ -70,15 +61,8 @@ LETTER_IN = 0.085
 def write_report(
     path: Path, summary: Summary, overview: bytes, figures: Mapping[tuple[str, str], bytes], examples: bytes | None
 ) -> Path:
-    """Write the report with its figures in it.
-
-    Args:
-        path: of the file.
-        summary: what is reported.
-        overview: PNG.
-        figures: PNG of a variant and answerer; of all, or of none where nothing was corrupted.
-        examples: PNG of an image in every variant.
-    """
+    """Write the report with its figures, which are PNG; `figures` are by variant and answerer, or none."""
+    # the record of the run, and of each variant
     about = dict(summary.about)
     about_variants = about.pop("variants", [])
     about.pop("toolkit_version", None)
@@ -87,7 +71,13 @@ def write_report(
         "verdicts": judge_benchmark(summary), "max_failed": MAX_FAILED,
         "networks": [row for row in summary.variants if row.kind != READER],
         "readers": [row for row in summary.variants if row.kind == READER],
-        "own": {(row.variant, row.answerer): _collect(summary, row) for row in summary.variants},
+        "own": {
+            (row.variant, row.answerer): {
+                "name": label_row(summary, row), "means": summary.means_of(row), "cells": summary.cells_of(row),
+                "differences": summary.differences_of(row),
+            }
+            for row in summary.variants
+        },
         "overview": overview, "examples": examples, "figures": figures,
         "whole": {entry["name"]: entry.get("share_whole") for entry in about_variants},
         "done": [(_title(key), _flatten(value)) for key, value in about.items()],
@@ -98,16 +88,6 @@ def write_report(
     }  # fmt: skip
     package = "toolkit.rooms.benchmarks.corruptions"
     return write_page(path, package, "benchmark.html.j2", context, corruption=name_corruption)
-
-
-def _collect(summary: Summary, row: VariantMean) -> dict[str, Any]:
-    """What the template shows of a row."""
-    return {
-        "name": label_row(summary, row),
-        "means": summary.means_of(row),
-        "cells": summary.cells_of(row),
-        "differences": summary.differences_of(row),
-    }
 
 
 def _title(key: str) -> str:
@@ -121,9 +101,8 @@ def _flatten(value: Any) -> str:
         parts = (_flatten(part) if key == "name" else f"{_title(key)} {_flatten(part)}" for key, part in known.items())
         return "; ".join(parts) or "no patches"
     if isinstance(value, list | tuple):
-        return ", ".join(
-            " ".join(map(str, part)) if isinstance(part, list | tuple) else _flatten(part) for part in value
-        )
+        parts = (" ".join(map(str, part)) if isinstance(part, list | tuple) else _flatten(part) for part in value)
+        return ", ".join(parts)
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
@@ -131,7 +110,7 @@ def _flatten(value: Any) -> str:
 
 @dataclass(frozen=True)
 class BenchmarkFiles:
-    """What was written; `figures` has the overview first."""
+    """Paths of the written files; `figures` has the overview first."""
 
     summary: Path
     cells: Path
@@ -142,21 +121,15 @@ class BenchmarkFiles:
 def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None = None) -> BenchmarkFiles:
     """Write `summary.json`, `cells.csv`, `figures/*.png` and `report.html`, each whole or not at all.
 
-    Args:
-        folder: of the run.
-        benchmark: the finished grid.
-        examples: PNG of an image in every variant.
-
-    Raises:
-        ToolkitError: the disk is full or may not be written, or two networks have the same name.
+    `examples` is a PNG of an image in every variant. Networks of the same name are a `ToolkitError`.
     """
     wanted, key = Path(folder), _name_run(benchmark)
     folder = find_run_dir(wanted, lacks_other_inputs(key))
     summary = summarise(replace(benchmark, notes=(*benchmark.notes, *explain_run_dir(wanted, folder))))
+    # figures under names that any disk can hold
     overview = draw_overview(summary)
-    figures = {
-        (row.variant, row.answerer): draw_variant(summary, row) for row in summary.variants if summary.corruptions
-    }
+    drawn = summary.variants if summary.corruptions else ()
+    figures = {(row.variant, row.answerer): draw_variant(summary, row) for row in drawn}
     files = [write_bytes(folder / "figures" / "overview.png", overview)]
     if examples is not None:
         files.append(write_bytes(folder / "figures" / "examples.png", examples))
@@ -164,7 +137,7 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
     for (variant, answerer), png in figures.items():
         files.append(write_bytes(folder / "figures" / f"{_name_file(f'{variant}-{answerer}', taken)}.png", png))
     report = write_report(folder / "report.html", summary, overview, figures, examples)
-    # last: where it is, the rest is there as well
+    # last, as proof that the rest is there
     write_run(folder, summary.as_json() | {INPUTS: key}, {CELLS_CSV: encode_cells(summary)})
     return BenchmarkFiles(folder / SUMMARY, folder / CELLS_CSV, report, tuple(files))
 
@@ -189,7 +162,7 @@ def encode_cells(summary: Summary) -> str:
 
 
 def _name_file(words: str, taken: set[str]) -> str:
-    """A file name of any variant's and network's name, each once."""
+    """A unique file name of any variant's and network's name."""
     plain = re.sub(r"[^A-Za-z0-9._-]+", "-", words).strip("-.")[:80] or "figure"
     name, number = plain, 1
     # some file systems do not tell `Fog` from `fog`
@@ -201,7 +174,7 @@ def _name_file(words: str, taken: set[str]) -> str:
 
 
 def choose_conditions(corruptions: Sequence[Condition]) -> list[Condition]:
-    """Clean, and corruptions spread over those that were run, each at its middle severity."""
+    """Choose clean, and some of the corruptions of the run, each at its middle severity."""
     names = list(dict.fromkeys(name for name, _ in corruptions))
     picked = [names[k] for k in np.linspace(0, len(names) - 1, min(COLUMNS - 1, len(names))).round().astype(int)]
     chosen = [NOT_CORRUPTED]
@@ -213,10 +186,7 @@ def choose_conditions(corruptions: Sequence[Condition]) -> list[Condition]:
 
 @with_default_style
 def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
-    """PNG: a row for each variant, a column for each condition; always the image in the middle of the list.
-
-    A green frame says that the network's first guess is correct, a red frame that it is wrong.
-    """
+    """PNG of the middle image: a row for each variant, a column for each condition, a frame green if top-1 is right."""
     chosen, conditions = benchmark.ids[len(benchmark.ids) // 2], choose_conditions(grid.config.conditions[1:])
     number = benchmark.ids.index(chosen)
     image = next(image for image in grid.images.images if image.id == chosen)
@@ -224,6 +194,7 @@ def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
     shard = Shard((image,), ("",))
     names = [_label_row(variant, grid.variants[0]) for variant in grid.variants]
     label_in = 0.3 + LETTER_IN * max(len(line) for name in names for line in name.split("\n"))
+    # a square for each picture, beside room for the labels
     figure = make_figure(label_in + TILE_IN * len(conditions), HEAD_IN + TILE_IN * len(grid.variants), layout=None)
     panels = figure.subplots(len(grid.variants), len(conditions), squeeze=False)
     left = label_in / figure.get_figwidth()
@@ -257,13 +228,7 @@ def _label_row(variant: Variant, first: Variant) -> str:
 
 @dataclass(frozen=True)
 class BenchmarkRun:
-    """What a run found, and where it is.
-
-    Attributes:
-        benchmark: the finished grid.
-        files: what was written.
-        without_images: by patch set, labels of its classes that have no images; empty where classes were named.
-    """
+    """A finished grid and its files; `without_images` has the labels without images by patch set."""
 
     benchmark: Benchmark
     files: BenchmarkFiles
@@ -279,17 +244,17 @@ def evaluate_benchmark(
     workspace: Workspace, data: ImageSet | Path | str, classifier: Classifier, config: CorruptEvalConfig,
     load: Callable[[str], Classifier] = load_classifier, engine: EngineConfig | None = None,
 ) -> BenchmarkRun:  # fmt: skip
-    """Corrupt a data set with and without patches, and ask classifiers and readers what they see.
+    """Corrupt a data set with and without patches, and let classifiers and readers answer.
 
-    Results go to `eval/corruptions/RUN`. A cell is computed once, whatever run asks for it.
+    Results go to `eval/corruptions/RUN`. Each cell is computed once for all runs.
 
     Args:
-        workspace: whose patches are meant, and whose `eval/` is written to.
+        workspace: has the patches, and gets the results.
         data: from `open_images`, or a folder with a folder of images for each class.
-        classifier: who is asked where `config.patches` names no other.
+        classifier: answers, unless `config.patches` names another.
         config: patches, corruptions, classes.
-        load: the classifier of a name; by default of the bundled and the published ones.
-        engine: where cells are computed; by default in this process.
+        load: returns the classifier of a name.
+        engine: computes the cells; by default this process.
 
     Raises:
         ToolkitError: an unknown class, patch set or network, no image that can be used, a network's output that is not
@@ -299,19 +264,20 @@ def evaluate_benchmark(
     images = choose_classes(found, list(config.classes), classifier)
     if config.per_class is not None:
         images = images.draw(config.per_class, config.seed)
+    # patch sets with their networks
     variants, notes = open_variants(workspace, config.patches, classifier, load)
     # only classes of which every set has a picture: all variants see the same images
     grid = Grid(images.only(share_classes(variants, images.classes)), tuple(variants), config)
+    # the cells, then report and files
     folder = workspace.eval_dir / "corruptions"
     run_dir = folder / check_run_name(grid.name)
     with (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as workers:
         doubts = dict.fromkeys(note for variant in variants for note in variant.classifier.notes)
         benchmark = run_grid(grid, folder / "cells.jsonl", (*doubts, *notes), workers)
     files = write_benchmark(run_dir, benchmark, draw_examples(grid, benchmark))
-    patches = {variant.name: variant.patches.patches for variant in variants if variant.patches is not None}
-    without_images = {
-        name: [classifier.labels[index] for index in own if index not in images.classes]
-        for name, own in patches.items()
-        if not config.classes
-    }
-    return BenchmarkRun(benchmark, files, {name: labels for name, labels in without_images.items() if labels})
+    without_images: dict[str, list[str]] = {}
+    for variant in variants if not config.classes else ():
+        own = variant.patches.patches if variant.patches is not None else ()
+        if labels := [classifier.labels[index] for index in own if index not in images.classes]:
+            without_images[variant.name] = labels
+    return BenchmarkRun(benchmark, files, without_images)

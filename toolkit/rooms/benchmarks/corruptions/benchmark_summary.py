@@ -1,4 +1,4 @@
-"""`summary.json` of the corruption benchmark: what was found, in numbers, in words, and as a table on the console."""
+"""`summary.json` of the corruption benchmark: results in numbers, in words, and as a table on the console."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,14 +24,14 @@ INITIALS = {"gaussian": "Gaussian", "jpeg": "JPEG"}
 
 @dataclass(frozen=True)
 class BenchmarkCell:
-    """Accuracy of an answerer on a variant, under a corruption and severity (`clean` and 0 where there is none).
+    """Accuracy of an answerer on a variant, under a corruption and severity (`clean` and 0 without).
 
     Attributes:
-        n, right: images, and how many are right at the first guess (a reader's: read as the right code).
-        top1, top1_ci95: share that is right, and Wilson's interval, as if the images were independent draws.
-        top5: share with the truth among five guesses; None for a reader.
-        wrong, not_decoded: of a reader: another code was read, none was; None for a network.
-        gained, lost: images that became right, and wrong, against `unpatched` of the same answerer; None without.
+        right: number of the `n` images with a correct top-1 answer, or the right code.
+        top1_ci95: Wilson's interval, as if the images were independent draws.
+        top5: None for a reader.
+        wrong: number of images with another code, and `not_decoded` without a code; None for a network.
+        gained: images that became right against `unpatched` of the same answerer, and `lost` wrong; None without.
         mcnemar_p: exact, of gained against lost.
     """
 
@@ -54,14 +54,14 @@ class BenchmarkCell:
 
 @dataclass(frozen=True)
 class CorruptionMean:
-    """One corruption, mean over the severities that were run.
+    """A corruption, mean over the severities that were run.
 
     Attributes:
-        top1, top1_ci95: share that is right, and its interval over classes (`toolkit.evaluation.metrics`).
+        top1_ci95: interval of top-1 over classes (`toolkit.evaluation.metrics`).
         top5: None for a reader.
-        wrong, not_decoded: shares, of a reader; None for a network.
-        ce_alexnet, ce_unpatched: corruption error: the sum over severities of errors, divided by that of the reference;
-            None for a reader and where the reference does not apply (see `Summary.references`).
+        wrong: share of a reader, likewise `not_decoded`; None for a network.
+        ce_alexnet: corruption error, the sum of errors over severities divided by AlexNet's.
+        ce_unpatched: the same by the error without patches; None for a reader (see `Summary.references`).
     """
 
     variant: str
@@ -82,13 +82,11 @@ class CorruptionMean:
 class VariantMean:
     """Accuracy of an answerer on a variant: clean, and the mean that `Summary.mean_of` names.
 
+    Fields are as in `CorruptionMean`, and None without clean images, or without any of the fifteen corruptions.
+
     Attributes:
-        patch_px: side of the patch; None where there is none, or unknown.
-        clean_top1, clean_top5, clean_wrong, clean_not_decoded: shares on images that are not corrupted; None without.
-        top1, top1_ci95, top5, wrong, not_decoded: of the mean, fields as in `CorruptionMean`; None without a corruption
-            of the fifteen.
-        mce_alexnet, mce_unpatched: mean of the corruption errors over the fifteen; None unless all fifteen were run at
-            all five severities.
+        patch_px: side of the patch, if it is known.
+        mce_alexnet: mean of the corruption errors over all fifteen at all severities, likewise `mce_unpatched`.
     """
 
     variant: str
@@ -110,14 +108,11 @@ class VariantMean:
 
 @dataclass(frozen=True)
 class Difference:
-    """Mean corrupted top-1 of a variant less that of another, on the same images.
+    """Mean corrupted top-1 of a variant less that of another, on the same images, with its interval over classes.
 
     Attributes:
-        against: `unpatched`: of the same answerer, under the same corruptions; `clean unpatched`: of the same
-            answerer, not corrupted; `best of its size`: whoever answers, the other variant of the same patch size
-            with the highest mean (the first of equals).
-        other_variant, other_answerer: which that is.
-        difference, ci95: share, and its interval over classes.
+        against: `unpatched` or `clean unpatched` of the same answerer, or `best of its size`, the other variant of
+            the same patch size with the highest mean of any answerer.
     """
 
     variant: str
@@ -130,14 +125,14 @@ class Difference:
 
 
 class Summary(BaseModel):
-    """What `summary.json` holds.
+    """Content of `summary.json`.
 
     Attributes:
         about: as in `Benchmark`.
         n: number of images.
         n_classes: number of classes.
         corruptions: severities of each corruption, in the order of the catalogue; all rows have the same.
-        mean_of: mean that `variants` have, in words.
+        mean_of: mean of `variants`, in words.
         is_whole: whether this mean is the benchmark's: fifteen corruptions at five severities.
         references: divisors of a corruption error, in words: `unpatched`, and `alexnet` for ImageNet's labels and
             parameters.
@@ -170,17 +165,17 @@ class Summary(BaseModel):
     toolkit_version: str = __version__
 
     def as_json(self) -> dict[str, Any]:
-        """The content of the file."""
+        """Content of the file."""
         return self.model_dump(mode="json")
 
     @property
     def severities(self) -> tuple[int, ...]:
-        """Those run of any corruption."""
+        """Severities of any corruption."""
         return tuple(sorted({severity for own in self.corruptions.values() for severity in own}))
 
     @property
     def has_same_severities(self) -> bool:
-        """Whether every corruption was run at the same."""
+        """Whether all corruptions have the same severities."""
         return len(set(self.corruptions.values())) <= 1
 
     def means_of(self, row: VariantMean) -> dict[str, CorruptionMean]:
@@ -196,12 +191,9 @@ class Summary(BaseModel):
         return {difference.against: difference for difference in self.differences if is_of(difference, row)}
 
     def unpatched_of(self, row: VariantMean) -> VariantMean | None:
-        """The same answerer without patches; None for `unpatched` itself and where that was not run."""
-        if row.variant == UNPATCHED:
-            return None
-        return next(
-            (bare for bare in self.variants if (bare.variant, bare.answerer) == (UNPATCHED, row.answerer)), None
-        )
+        """The same answerer without patches; None for `unpatched` itself, or if that was not run."""
+        same = (other for other in self.variants if other.answerer == row.answerer and other.variant == UNPATCHED)
+        return None if row.variant == UNPATCHED else next(same, None)
 
 
 def is_of(part: BenchmarkCell | CorruptionMean | Difference, row: VariantMean) -> bool:
@@ -210,54 +202,47 @@ def is_of(part: BenchmarkCell | CorruptionMean | Difference, row: VariantMean) -
 
 
 def read_summary(file: Path) -> Summary:
-    """Read `summary.json`.
-
-    Raises:
-        ToolkitError: the file is missing or damaged, or a field is wrong; the message names file and field.
-    """
+    """Read `summary.json`; a `ToolkitError` names a missing file or a wrong field."""
     return read_json(file, Summary)
 
 
 def name_corruption(name: str) -> str:
-    """`JPEG compression` of `jpeg_compression`."""
+    """Turn `jpeg_compression` into `JPEG compression`."""
     return " ".join(INITIALS.get(word, word) for word in name.split("_"))
 
 
 def name_levels(severities: Sequence[int]) -> str:
-    """`severity 3`, `severities 1, 2, 5`."""
+    """Name severities, as `severity 3` or `severities 1, 2`."""
     return f"severit{'y' if len(severities) == 1 else 'ies'} {', '.join(map(str, severities))}"
 
 
 def describe_mean(corruptions: Mapping[str, Sequence[int]], is_whole: bool) -> str:
-    """Which corruptions and severities a mean is taken over, from the severities of each."""
+    """Name the corruptions and severities of a mean."""
     common = {name: tuple(severities) for name, severities in corruptions.items() if name in COMMON}
     if is_whole:
         return "mean of the 15 common corruptions at 5 severities"
     if not common:
         return "no mean: none of the 15 common corruptions was run"
+    # equal severities are named once, others with each corruption
     levels = set(common.values())
     same = f" at {name_levels(levels.pop())}" if len(levels) == 1 else ""
-    if len(common) <= FEW_NAMES:
-        own = (name_corruption(name) + ("" if same else f" at {name_levels(common[name])}") for name in common)
-        names = f" ({'; '.join(own)})"
-    else:
-        names = ""
+    own = (name_corruption(name) + ("" if same else f" at {name_levels(common[name])}") for name in common)
+    names = f" ({'; '.join(own)})" if len(common) <= FEW_NAMES else ""
     which = "the 15 common corruptions" if len(common) == len(COMMON) else f"{len(common)} of the 15 corruptions"
     where = same or ("" if names else " at several severities")
     return f"mean of {which}{names}{where}: a part of the benchmark, so no mCE"
 
 
 def label_row(summary: "Summary", row: "VariantMean") -> str:
-    """The variant, and who recognises where that is not the benchmark's own network."""
-    is_own = row.answerer == _own_network(summary)
+    """Name the variant, and the answerer if that is not the benchmark's own network."""
+    name = (summary.about.get("model") or {}).get("name")
+    name = name or next((other.answerer for other in summary.variants if other.kind != READER), "")
+    is_own = row.answerer == name
     return row.variant if is_own else f"{row.variant}, {row.answerer}"
 
 
 def judge_benchmark(summary: "Summary") -> list[Verdict]:
-    """A sentence on every variant and answerer: `good`, `bad`, or `open` where nothing is shown.
-
-    `unpatched` is in those that it is compared to, or alone.
-    """
+    """A sentence on every variant and answerer; `unpatched` is in those of its comparisons, or alone."""
     compared = {row.answerer for row in summary.variants if summary.unpatched_of(row) is not None}
     return [
         _judge_row(summary, row) for row in summary.variants if row.variant != UNPATCHED or row.answerer not in compared
@@ -271,9 +256,8 @@ def _judge_row(summary: "Summary", row: "VariantMean") -> Verdict:
     if share is None:
         what, share, ci95, wrong, not_decoded = "clean", row.clean_top1, None, row.clean_wrong, row.clean_not_decoded
     if share is None:
-        return Verdict(
-            "open", f"{row.answerer} saw neither clean images with {row.variant} nor any of the 15 corruptions."
-        )
+        neither = f"{row.answerer} was shown neither clean images with {row.variant} nor any of the 15 corruptions."
+        return Verdict("open", neither)
     # readers have no baseline: without a patch there is no code to read
     how_many = _format_share(share, ci95)
     if row.kind == READER:
@@ -302,31 +286,22 @@ def _format_share(share: float, ci95: Interval | None) -> str:
     return f"{format_percent(share)} %" + (f" ({format_interval(ci95)})" if ci95 else "")
 
 
-def _own_network(summary: "Summary") -> str:
-    name = (summary.about.get("model") or {}).get("name")
-    return name or next((row.answerer for row in summary.variants if row.kind != READER), "")
-
-
 def build_summary_table(summary: "Summary") -> Table:
     """A line for each variant and answerer: clean, and the mean that its title names."""
+    # mCE only if it was measured
     has_mce = any(row.mce_alexnet is not None for row in summary.variants)
     mce = ["mCE %"] if has_mce else []
     heads = ("clean %", "corrupted %", "95 %", "top-5 %", "not decoded %", *mce, "to unpatched", "95 %")
     cells = []
     for row in summary.variants:
         difference = summary.differences_of(row).get("unpatched")
-        cells.append(
-            [
-                label_row(summary, row),
-                format_percent(row.clean_top1),
-                format_percent(row.top1),
-                format_interval(row.top1_ci95),
-                "" if row.top5 is None else format_percent(row.top5),
-                "" if row.not_decoded is None else format_percent(row.not_decoded),
-                *("" if row.mce_alexnet is None else f"{100 * row.mce_alexnet:.1f}" for _ in mce),
-                format_points(difference.difference) if difference else "",
-                format_points_interval(difference.ci95) if difference else "",
-            ]
-        )
+        cells.append([
+            label_row(summary, row), format_percent(row.clean_top1), format_percent(row.top1),
+            format_interval(row.top1_ci95),
+            *("" if share is None else format_percent(share) for share in (row.top5, row.not_decoded)),
+            *("" if row.mce_alexnet is None else f"{100 * row.mce_alexnet:.1f}" for _ in mce),
+            format_points(difference.difference) if difference else "",
+            format_points_interval(difference.ci95) if difference else "",
+        ])  # fmt: skip
     title = f"{summary.n} images of {summary.n_classes} classes; {summary.mean_of}"
     return build_table(title, ["variant"], heads, cells)

@@ -1,4 +1,4 @@
-"""Variants, and the cells of the grid: a shard's images in a variant, corrupted and ranked, by their inputs' hash."""
+"""Variants, and cells of the grid: a shard's images in a variant, corrupted and ranked, keyed by their inputs."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -39,13 +39,12 @@ FAILED = -1
 
 @dataclass(frozen=True)
 class Variant:
-    """One way of showing the images.
+    """Images without patches (`unpatched`), or with those of a set.
 
     Attributes:
-        name: `unpatched`, or that of the patch set.
         patches: None for `unpatched`.
-        classifier: whose preprocessing the images get, and who is asked.
-        readers: are asked as well, where the patches are codes.
+        classifier: that answers, and gives the preprocessing.
+        readers: that answer as well, if the patches are codes.
     """
 
     name: str
@@ -62,13 +61,13 @@ class Variant:
 def open_variants(
     workspace: Workspace, words: Sequence[str], classifier: Classifier, load: Callable[[str], Classifier]
 ) -> tuple[list[Variant], list[str]]:
-    """`unpatched`, once for each network, and the variants that `SET` or `SET@MODEL` name.
+    """Open `unpatched`, once for each network, and the variants that `SET` or `SET@MODEL` name.
 
     Args:
         workspace: whose `print/patches` holds the sets.
         words: `SET` or `SET@MODEL`.
-        classifier: who is asked where no other is named.
-        load: the classifier of a name.
+        classifier: answers for `SET`.
+        load: returns the classifier of a name.
 
     Returns:
         The variants, and notes on readers that are not installed.
@@ -86,21 +85,19 @@ def open_variants(
         name, _, model = word.partition("@")
         network = networks[model] = networks.get(model) or load(model)
         if network.labels != classifier.labels:
-            raise FieldError(
-                f"{network.name} answers with other classes than {classifier.name}: evaluate it in a run of its own, "
-                f"with {{model}} {model}",
-                {"patches": word},
-            )
+            others = f"{network.name} answers with other classes than {classifier.name}"
+            raise FieldError(f"{others}: evaluate it in a separate run, with {{model}} {model}", {"patches": word})
         patches = read_patch_set(workspace, name, network.labels)
         crop_px = network.preprocessing.crop_px
         if patches.n_px > crop_px:
-            raise FieldError(
-                f"its patches of {patches.n_px} px are larger than the {crop_px} px that {network.name} sees: make "
-                "smaller ones",
-                {"patches": name},
-            )
+            larger = f"its patches of {patches.n_px} px are larger than the {crop_px} px that {network.name} sees"
+            raise FieldError(f"{larger}: make smaller patches", {"patches": name})
         # codes are decoded beside the network's answers, if a decoder is installed
-        readers, missing = _find_readers(patches)
+        readers, missing = list[Reader](), list[tuple[str, str]]()
+        if patches.code_kind is not None:
+            # all codes of a set have the same kind, so the first decides
+            code = next(iter(patches.patches.values())).record.settings["code"]
+            readers, missing = find_readers(code["kind"], code.get("dictionary", ""))
         notes += [f"{name} is not read by {reader}: {reason}" for reader, reason in missing]
         boosted.append(Variant(name, patches, network, tuple(readers)))
     distinct = {(network.name, network.weights.sha256): network for network in networks.values()}
@@ -108,7 +105,7 @@ def open_variants(
     for name in names:
         # results are kept by the network's name
         if names.count(name) > 1:
-            raise ToolkitError(f"two networks of this run are called '{name}': evaluate them in runs of their own")
+            raise ToolkitError(f"two networks of this run are called '{name}': evaluate them in separate runs")
     # every network needs its own baseline without patches, and needs it once
     variants = [Variant(UNPATCHED, None, classifier)]
     for variant in boosted:
@@ -118,19 +115,11 @@ def open_variants(
     return variants, list(dict.fromkeys(notes))
 
 
-def _find_readers(patches: PatchSet) -> tuple[list[Reader], list[tuple[str, str]]]:
-    if patches.code_kind is None:
-        return [], []
-    # all codes of a set have the same kind, so the first decides
-    code = next(iter(patches.patches.values())).record.settings["code"]
-    return find_readers(code["kind"], code.get("dictionary", ""))
-
-
 def share_classes(variants: Sequence[Variant], available: Sequence[int]) -> list[int]:
-    """Classes that have images and a picture in every set: all variants are shown the same images.
+    """Return the classes with images and a picture in every set, so that all variants have the same images.
 
     Raises:
-        ToolkitError: there is none.
+        ToolkitError: there are none.
     """
     shared = set(available)
     for variant in variants:
@@ -138,8 +127,8 @@ def share_classes(variants: Sequence[Variant], available: Sequence[int]) -> list
             shared &= set(variant.patches.patches)
             if not shared:
                 raise ToolkitError(
-                    f"set '{variant.name}' has no picture for any class that has images and is in the other sets: make "
-                    "one for them, or evaluate the sets in runs of their own"
+                    f"set '{variant.name}' has no picture for the classes of the images and the other sets: make "
+                    "pictures for them, or evaluate the sets in separate runs"
                 )
     return sorted(shared)
 
@@ -154,12 +143,7 @@ class CellLine(BaseModel):
 
 @dataclass(frozen=True)
 class Shard:
-    """Images that are in memory together.
-
-    Attributes:
-        images: in order.
-        hashes: of their files.
-    """
+    """Images that are in memory together, and the hashes of their files."""
 
     images: tuple[LabelledImage, ...]
     hashes: tuple[str, ...]
@@ -178,17 +162,15 @@ def name_cell(
     """Key of the ranks of a shard's images in a cell."""
     how = variant.classifier.preprocessing
     patches = variant.patches
-    # by the pictures' hashes: a set that is trained anew has other cells
-    pictures = (
-        None if patches is None else [patches.patches[image.class_index].record.png_sha256 for image in shard.images]
-    )
+    # by the pictures' hashes: a set that is trained again has other cells
+    pictures = patches and [patches.patches[image.class_index].record.png_sha256 for image in shard.images]
     given = None
     if condition != NOT_CORRUPTED:
         corruption, severity = condition
         chosen = choose_parameters(how.crop_px, how.crop_px)
-        # the numbers themselves, not only the severity: other parameters are another cell
+        # the parameters as well: other numbers are another cell
         given = [corruption, severity, CORRUPTIONS[corruption].parameters[chosen][severity - 1]]
-    # bare images have no placement, and without a corruption no draws at all: their answers serve every seed
+    # images without patches and corruptions have no random draws: their answers serve every seed
     return CELLS.key(
         [[image.id, image.class_index] for image in shard.images], shard.hashes, how.describe(), pictures,
         None if patches is None else config.placement.model_dump(), None if patches is given is None else config.seed,
@@ -198,14 +180,13 @@ def name_cell(
 
 @dataclass(frozen=True)
 class ShardImages:
-    """The images of a shard that can be used, in a variant.
+    """The usable images of a shard, in a variant.
 
     Attributes:
         pixels: (k, 3, m, m) uint8 sRGB, on the CPU.
         classes: (k,) int64.
         seeds: of each image's random draws.
-        ids: of the images.
-        texts: what readers of codes must say; empty without codes.
+        texts: of their codes; empty without codes.
         usable: (n,) bool, which of the shard's images these are.
     """
 
@@ -218,11 +199,7 @@ class ShardImages:
 
 
 def load_shard(images: ImageSet, shard: Shard, how: Preprocessing) -> tuple[np.ndarray, np.ndarray]:
-    """Decode a shard on several threads.
-
-    Returns:
-        (k, m, m, 3) uint8 sRGB of the images that can be used, and (n,) bool, which these are.
-    """
+    """Decode a shard on several threads: (k, m, m, 3) uint8 sRGB of usable images, and (n,) bool which those are."""
 
     def load(image: LabelledImage) -> np.ndarray | None:
         try:
@@ -239,17 +216,10 @@ def load_shard(images: ImageSet, shard: Shard, how: Preprocessing) -> tuple[np.n
 def apply_variant(
     pixels: np.ndarray, shard: Shard, usable: np.ndarray, variant: Variant, config: CorruptEvalConfig
 ) -> ShardImages:
-    """Put each image's patch on it; rounded to 8 bits, as a file of it would be.
-
-    Args:
-        pixels, usable: from `load_shard`.
-        shard: of which they are.
-        variant: whose patches are put on.
-        config: placement and seed.
-    """
+    """Put each image's patch on `pixels` of `load_shard`, rounded to 8 bits, as in a file."""
     used = [image for image, is_usable in zip(shard.images, usable, strict=True) if is_usable]
     ids = [image.id for image in used]
-    # by the seed and the image's name alone, so that all variants lie alike on an image
+    # by the seed and the image's name alone, so that all variants have the same places
     seeds = [image_seed(config.seed, id) for id in ids]
     classes = np.array([image.class_index for image in used], np.int64)
     bare = torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2)))
@@ -261,7 +231,7 @@ def apply_variant(
         pictures = torch.from_numpy(patches.stack(classes[part]))
         with torch.inference_mode():
             images = bare[part].float().div_(255)
-            # rounded, as a file of the picture would be: the corruption begins from 8 bits
+            # rounded, as in a file: the corruption begins from 8 bits
             return _round(boost_images(images, pictures, config.placement, [seeds[k] for k in part])).byte()
 
     boosted = torch.cat([bare[:0], *ask_in_parts(place, len(used), "cpu")])
@@ -270,7 +240,7 @@ def apply_variant(
 
 
 def corrupt_images(images: ShardImages, part: Sequence[int], condition: Condition, device: str = "cpu") -> torch.Tensor:
-    """(k, 3, m, m) float sRGB-encoded in [0, 1] of some of the images, corrupted and rounded to 8 bits."""
+    """(k, 3, m, m) float sRGB-encoded pixels of some of the images, corrupted and rounded to 8 bits."""
     batch = images.pixels[list(part)].to(device).float().div_(255)
     if condition == NOT_CORRUPTED:
         return batch
@@ -280,17 +250,13 @@ def corrupt_images(images: ShardImages, part: Sequence[int], condition: Conditio
 def rank_images(
     images: ShardImages, condition: Condition, recognisers: Sequence[Recogniser], device: str
 ) -> list[np.ndarray]:
-    """The ranks of all images by each recogniser, (k,) int32, see `Recogniser`.
-
-    Raises:
-        ToolkitError: a network's output is not finite.
-    """
+    """Rank all images by each recogniser, (k,) int32, see `Recogniser`; output that is not finite is an error."""
 
     def work(part: list[int]) -> torch.Tensor:
         texts = [images.texts[k] for k in part] if images.texts else []
         with torch.inference_mode():
             batch = corrupt_images(images, part, condition, device)
-            found = [one.rank(batch, images.classes[part], texts) for one in recognisers]
+            found = [recogniser.rank(batch, images.classes[part], texts) for recogniser in recognisers]
         return torch.from_numpy(np.stack(found, axis=1))
 
     nothing = torch.zeros(0, len(recognisers), dtype=torch.int32)
@@ -299,5 +265,5 @@ def rank_images(
 
 
 def _round(images: torch.Tensor) -> torch.Tensor:
-    """Values in [0, 1] to whole levels 0 … 255, still float."""
+    """Values from 0 to 1 in 8-bit levels, still float."""
     return images.mul(255).round_()

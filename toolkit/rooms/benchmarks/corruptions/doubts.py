@@ -1,4 +1,4 @@
-"""What makes a benchmark's result say less than it seems: copies, folders under another name, images trained on."""
+"""Doubts about a benchmark's result: copies, misnamed folders, images used in training."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,26 +15,21 @@ SURPRISING = 0.001
 
 
 def list_doubts(images: ImageSet, shards: Sequence[Shard], variants: Sequence[Variant]) -> Iterator[str]:
-    """A sentence on each copy, and on each set of patches that was trained on these images.
-
-    Args:
-        images: of the benchmark.
-        shards: the same with their hashes.
-        variants: what lies on them.
-    """
+    """A sentence on each copy, and on each set of patches that was trained on these images, by their hashes."""
     hashes = {image.id: sha256 for shard in shards for image, sha256 in zip(shard.images, shard.hashes, strict=True)}
     labels = variants[0].classifier.labels
     counts = Counter(image.class_index for image in images.images)
     (most, n_most), (fewest, n_fewest) = counts.most_common()[0], counts.most_common()[-1]
     if n_fewest < n_most:
         unequal = f"{labels[fewest]} {n_fewest}, {labels[most]} {n_most}"
-        yield f"classes have unequal numbers of images ({unequal}): in all shares and tests those with more count more"
+        yield f"classes have unequal numbers of images ({unequal}): larger classes count more in all shares and tests"
     yield from _find_copies({image.id: image.class_index for image in images.images}, hashes, labels)
     for name, patches in {variant.name: variant.patches for variant in variants if variant.patches is not None}.items():
         yield from _find_trained(name, patches, images.name, set(hashes.values()))
 
 
 def _find_copies(class_of: Mapping[str, int], hashes: Mapping[str, str], labels: Sequence[str]) -> Iterator[str]:
+    # copies within a class count twice, copies in two classes are wrong in either
     same: dict[str, list[str]] = {}
     for id, sha256 in hashes.items():
         same.setdefault(sha256, []).append(id)
@@ -46,29 +41,26 @@ def _find_copies(class_of: Mapping[str, int], hashes: Mapping[str, str], labels:
         first = crossed[0][0]
         other = next(id for id in crossed[0] if class_of[id] != class_of[first])
         yield (
-            f"{sum(map(len, crossed))} images lie in folders of two classes, such as {first} and {other}: they cannot "
+            f"{sum(map(len, crossed))} images are in folders of two classes, such as {first} and {other}: they cannot "
             f"be both '{labels[class_of[first]]}' and '{labels[class_of[other]]}'"
         )
     if alike:
         extra = sum(len(ids) - 1 for ids in alike)
-        yield f"{extra} images are copies of others, such as {alike[0][1]} of {alike[0][0]}: each is counted as its own"
+        yield f"{extra} images are copies of others, such as {alike[0][1]} of {alike[0][0]}: each copy counts"
 
 
 def find_misnamed(is_right: np.ndarray, classes: np.ndarray, labels: Mapping[int, str]) -> Iterator[str]:
-    """A sentence on each class of which no image is recognised, though images of the others mostly are.
+    """A sentence on each class without recognised images, though images of the others mostly are.
 
-    Args:
-        is_right: (n,) bool, of clean images without patches.
-        classes: (n,) int, index of each image's class.
-        labels: of the classes, by index.
+    `is_right` (n,) bool is of clean images without patches, `classes` (n,) int their class indices.
     """
     for index, label in labels.items():
         own = classes == index
         share = float(is_right[~own].mean()) if not own.all() else 0.0
         if not is_right[own].any() and (1 - share) ** int(own.sum()) < SURPRISING:
             yield (
-                f"none of the {int(own.sum())} images of '{label}' is recognised without a corruption, of the others "
-                f"{np.round(100 * share):.0f} %: is its folder called by its class?"
+                f"none of the {int(own.sum())} images of '{label}' is recognised without a corruption, but "
+                f"{np.round(100 * share):.0f} % of the others: does its folder have the class's name?"
             )
 
 
@@ -80,16 +72,11 @@ def _find_trained(name: str, patches: PatchSet, data: str, hashes: set[str]) -> 
         # hashes of the training images are proof; without them a folder of the same name is a hint
         listed, sources = str(about.get(IMAGE_HASHES, "")).split(), about.get("sources")
         trained |= {short[digits] for digits in listed if digits in short}
-        names = (
-            [source.get("source") for source in sources if isinstance(source, dict)]
-            if isinstance(sources, list)
-            else []
-        )
+        known = sources if isinstance(sources, list) else []
+        names = [source.get("source") for source in known if isinstance(source, dict)]
         is_alike |= not listed and data in names
     if trained:
-        yield f"{name} was trained on {len(trained)} of these {len(hashes)} images: they show how well it was learnt"
+        yield f"{name} was trained on {len(trained)} of these {len(hashes)} images: accuracy on new images may be lower"
     elif is_alike:
-        yield (
-            f"{name} was trained on images of a folder that is called {data} as well: if these are the "
-            "same images, they show how well it was learnt"
-        )
+        same = f"{name} was trained on images of a folder that is called {data} as well"
+        yield f"{same}: if these are the same images, accuracy on new images may be lower"

@@ -39,18 +39,12 @@ from toolkit.training.images import ImageSet, LabelledImage
 
 GroupKey = TypeVar("GroupKey", bound=Hashable)
 SHARD_IMAGES = 256
-"""Largest number of images in memory; a kill costs at most so many answers of a cell."""
+"""Largest number of images in memory, and of answers that a kill loses."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """What is evaluated.
-
-    Attributes:
-        images: all of classes that every variant has a picture of.
-        variants: see `open_variants`.
-        config: corruptions, placement and seed.
-    """
+    """Images of classes in every variant, the variants (`open_variants`), and corruptions, placement and seed."""
 
     images: ImageSet
     variants: tuple[Variant, ...]
@@ -64,15 +58,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class CellRanks:
-    """Answers of a recogniser to all images of a cell.
-
-    Attributes:
-        variant: what lies on the images: `unpatched`, or the name of a patch set.
-        recogniser: name of the network or of the reader.
-        kind: `network` or `reader`.
-        corruption, severity: of the images; `clean` and 0 where they are not corrupted.
-        ranks: (n,) int32, see `Recogniser`.
-    """
+    """Ranks (n,) int32 of all images of a cell by a recogniser of a kind, see `Recogniser`."""
 
     variant: str
     recogniser: str
@@ -87,14 +73,14 @@ class Benchmark:
     """A finished grid.
 
     Attributes:
-        about: data, model, placement, seed and what the variants are; goes into `summary.json` as it is.
+        about: data, model, placement, seed and variants, for `summary.json`.
         ids: of the images, in the order of every `ranks`.
         classes: (n,) int, index of each image's class.
-        labels: of the classes that are there, by index.
+        labels: of these classes, by index.
         cells: a cell for each variant, recogniser and condition.
         failed: (path, reason) of images that could not be used.
-        notes: what a reader of the tables must know, a sentence each.
-        computed, kept: ranks of single images that were computed now, and taken from before.
+        notes: for readers of the tables, a sentence each.
+        computed, kept: numbers of new and of earlier ranks of single images.
     """
 
     about: dict[str, Any]
@@ -111,14 +97,14 @@ class Benchmark:
 def run_grid(grid: Grid, cells_file: Path, notes: Sequence[str] = (), engine: Engine | None = None) -> Benchmark:
     """Compute every cell that is not in `cells_file` yet, and add it there.
 
-    Memory holds a few shards' images, whatever the size of the data set. A killed run goes on with the next cell. Where
-    a cell fails, its condition is left out of the result, and is tried again by the next run.
+    Memory holds a few shards' images. A killed run resumes with the next cell. A failed cell excludes its condition
+    from the result, and the next run tries it again.
 
     Args:
-        grid: what is evaluated.
-        cells_file: where ranks are kept, for this run and for others.
-        notes: what a reader of the tables must know besides.
-        engine: where cells are computed; by default in this process.
+        grid: images, variants and conditions.
+        cells_file: keeps ranks for all runs.
+        notes: for readers of the tables.
+        engine: computes the cells; by default this process.
 
     Raises:
         ToolkitError: no image can be used, every cell failed, or the disk is full.
@@ -128,7 +114,7 @@ def run_grid(grid: Grid, cells_file: Path, notes: Sequence[str] = (), engine: En
 
 
 class Cell(NamedTuple):
-    """A shard in one variant and condition, and who is asked; all but the condition by number."""
+    """Numbers of a shard, a variant and a recogniser, and a condition."""
 
     shard: int
     variant: int
@@ -171,6 +157,7 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine
         for condition in grid.config.conditions
         if condition not in lost
     ]  # fmt: skip
+    # doubts about the data, and classes that no network recognises
     doubts = list_doubts(grid.images, shards, grid.variants)
     done = _collect(grid, [image for shard in shards for image in shard.images], cells, (*notes, *doubts), ran)
     clean = [cell.ranks == RIGHT for cell in done.cells if (cell.variant, cell.corruption) == (UNPATCHED, CLEAN)]
@@ -200,7 +187,7 @@ def _list_units(
         for v, in_variant in _group(in_shard, lambda cell: cell.variant).items():
             variant = grid.variants[v]
             images = engine.share(apply_variant(pixels, shards[s], usable, variant, grid.config))
-            # those who are asked go to the workers once, not with every condition
+            # recognisers go to the workers once, not with every condition
             asked: dict[tuple[int, ...], Shared[list[Recogniser]]] = {}
             for condition, cells in _group(in_variant, lambda cell: cell.condition).items():
                 chosen = tuple(cell.recogniser for cell in cells.values())
@@ -221,7 +208,7 @@ def _group(cells: Mapping[str, Cell], by: Callable[[Cell], GroupKey]) -> dict[Gr
 def rank_cells(
     images: Shared[ShardImages], condition: Condition, recognisers: Shared[list[Recogniser]], device: str
 ) -> Iterator[np.ndarray]:
-    """The work of a unit: (n,) int32 ranks of all images of the shard by each recogniser, see `rank_images`."""
+    """Do the work of a unit: (n,) int32 ranks of all images of the shard by each recogniser, see `rank_images`."""
     usable = images.get().usable
     for given in rank_images(images.get(), condition, recognisers.get(), device):
         ranks = np.full(len(usable), FAILED, np.int32)
@@ -232,9 +219,10 @@ def rank_cells(
 def _collect(
     grid: Grid, images: Sequence[LabelledImage], cells: Sequence[CellRanks], notes: Sequence[str], ran: Ran
 ) -> Benchmark:
-    """The ranks of the images that could be used in every cell."""
+    """Keep the ranks of the images that could be used in every cell."""
     # an image that failed in any cell is left out of all: pairs need the same images
     usable = np.all([cell.ranks != FAILED for cell in cells], axis=0)
+    # reasons of unusable images
     unusable = [image for image, ok in zip(images, usable, strict=True) if not ok]
     refused = [*grid.images.refused, *_explain(grid, unusable)]
     if not usable.any():
@@ -244,16 +232,11 @@ def _collect(
     ids = tuple(image.id for image, ok in zip(images, usable, strict=True) if ok)
     note = find_note(list(dict.fromkeys(cell.corruption for cell in cells if cell.corruption != CLEAN)))
     return Benchmark(
-        about=describe(grid, ids),
-        ids=ids,
-        classes=classes,
+        about=describe(grid, ids), ids=ids, classes=classes,
         labels={int(index): grid.variants[0].classifier.labels[index] for index in np.unique(classes)},
-        cells=tuple(replace(cell, ranks=cell.ranks[usable]) for cell in cells),
-        failed=(*refused, *ran.failed),
-        notes=(*notes, *([note] if note else [])),
-        computed=ran.made,
-        kept=ran.kept,
-    )
+        cells=tuple(replace(cell, ranks=cell.ranks[usable]) for cell in cells), failed=(*refused, *ran.failed),
+        notes=(*notes, *([note] if note else [])), computed=ran.made, kept=ran.kept,
+    )  # fmt: skip
 
 
 def _explain(grid: Grid, images: Sequence[LabelledImage]) -> list[tuple[str, str]]:
@@ -265,27 +248,21 @@ def _explain(grid: Grid, images: Sequence[LabelledImage]) -> list[tuple[str, str
         except UnreadableImage as error:
             lines.append((image.id, error.reason))
         else:
-            lines.append((image.id, "could not be read when it was evaluated, though it can be now: copy it anew"))
+            lines.append((image.id, "could not be read when it was evaluated, though it can be now: copy it again"))
     return lines
 
 
 def describe(grid: Grid, ids: Sequence[str]) -> dict[str, Any]:
-    """What was done, for `summary.json` and the report."""
+    """Inputs of the run, for `summary.json` and the report."""
     main = grid.variants[0].classifier
     image_px = main.preprocessing.crop_px
     return {
-        "name": grid.name,
-        "data": grid.images.name,
-        "model": describe_network(main),
-        "is_imagenet": main.is_imagenet,
-        "image_px": image_px,
-        "preprocessing": main.preprocessing.describe(),
-        "parameters": choose_parameters(image_px, image_px),
-        "placement": grid.config.placement.model_dump(),
-        "seed": grid.config.seed,
-        "variants": [_describe_variant(variant, grid, ids) for variant in grid.variants],
+        "name": grid.name, "data": grid.images.name, "model": describe_network(main), "is_imagenet": main.is_imagenet,
+        "image_px": image_px, "preprocessing": main.preprocessing.describe(),
+        "parameters": choose_parameters(image_px, image_px), "placement": grid.config.placement.model_dump(),
+        "seed": grid.config.seed, "variants": [_describe_variant(variant, grid, ids) for variant in grid.variants],
         "toolkit_version": __version__,
-    }
+    }  # fmt: skip
 
 
 def _describe_variant(variant: Variant, grid: Grid, ids: Sequence[str]) -> dict[str, Any]:
@@ -294,7 +271,7 @@ def _describe_variant(variant: Variant, grid: Grid, ids: Sequence[str]) -> dict[
     if patches is None:
         return about
     image_px = variant.classifier.preprocessing.crop_px
-    # where each patch was laid, drawn once more from the same seeds
+    # the place of each patch, drawn once more from the same seeds
     seeds = [image_seed(grid.config.seed, id) for id in ids]
     whole = is_whole(grid.config.placement.place_seeded(seeds, patches.n_px, image_px), patches.n_px, image_px)
     return about | {

@@ -1,4 +1,4 @@
-"""Who says what an image shows: a classifier, or a reader of codes; and what they said, as ranks."""
+"""Recognisers of images: classifiers and readers of codes, with their answers as ranks."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from toolkit.rooms.benchmarks.patch_sets.baselines.drawn import APRILTAG, DICTIO
 
 NETWORK, READER = "network", "reader"
 RIGHT, WRONG, NOT_DECODED = 1, 2, 0
-"""What a reader said, as ranks."""
+"""Answers of a reader, as ranks."""
 Decode = Callable[[np.ndarray], Sequence[str]]
 RankImages = Callable[["torch.Tensor", np.ndarray, Sequence[str]], np.ndarray]
 PYZBAR = "pip install pyzbar, and the library zbar itself: on Debian apt install libzbar0"
@@ -29,11 +29,10 @@ class Recogniser:
     """A classifier, or a reader of codes.
 
     Attributes:
-        name: of the network or the library.
         kind: `network` or `reader`.
-        identity: all of it that decides what it says; JSON.
-        rank: (b, 3, m, m) float images in [0, 1], their (b,) classes, the texts of their codes -> (b,) int32, place of
-            the true class among the network's guesses, from 1; of a reader `RIGHT`, `WRONG` or `NOT_DECODED`.
+        identity: of its weights or version, for the keys of its answers.
+        rank: images (b, 3, m, m) float, classes (b,) and texts of codes -> (b,) int32, the rank of the true class by a
+            network, from 1, or `RIGHT`, `WRONG` or `NOT_DECODED` by a reader.
     """
 
     name: str
@@ -43,13 +42,13 @@ class Recogniser:
 
 
 def recognise_by_network(network: Classifier) -> Recogniser:
-    """A classifier as who recognises."""
+    """A classifier as recogniser."""
     identity = (network.arch, network.weights.sha256)
     return Recogniser(network.name, NETWORK, identity, partial(rank_classes, network))
 
 
 def recognise_by_reader(reader: "Reader") -> Recogniser:
-    """A reader of codes as who recognises."""
+    """A reader of codes as recogniser."""
     identity = (READER, reader.name, reader.version)
     return Recogniser(reader.name, READER, identity, partial(_rank_codes, reader))
 
@@ -59,7 +58,7 @@ def _rank_codes(reader: "Reader", images: torch.Tensor, _: np.ndarray, texts: Se
 
 
 def rank_classes(network: Classifier, images: torch.Tensor, classes: np.ndarray, _: Sequence[str] = ()) -> np.ndarray:
-    """(b,) int32, the place of each image's class among the network's guesses, from 1; ties go to the lower index.
+    """(b,) int32, the rank of each image's class among the network's guesses, from 1; ties go to the lower index.
 
     Raises:
         BadAnswer: the network's output is not finite.
@@ -71,37 +70,26 @@ def rank_classes(network: Classifier, images: torch.Tensor, classes: np.ndarray,
 
 @dataclass(frozen=True)
 class Reader:
-    """A library that reads codes.
-
-    Attributes:
-        name: of the library.
-        version: of the library.
-        decode: (h, w) uint8 grey -> the texts of all codes in it.
-    """
+    """A library that reads codes; `decode` takes (h, w) uint8 grey and returns the texts of all codes in it."""
 
     name: str
     version: str
     decode: Decode
 
     def read(self, picture: np.ndarray) -> tuple[str, ...]:
-        """The texts of all codes in a picture, (h, w, 3) uint8 sRGB; none where it finds or understands none."""
+        """Read the texts of all codes in a picture (h, w, 3) uint8 sRGB."""
         if picture.size == 0:
             return ()
-        # grey for all: pyzbar takes the first channel of an array for it, and zxing-cpp expects BGR
+        # grey for all: pyzbar reads the first channel of an array, and zxing-cpp expects BGR
         grey = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2GRAY)
-        # OpenCV gives an empty text where it reads none
+        # OpenCV returns an empty text if it reads nothing
         return tuple(text for text in self.decode(grey) if text)
 
 
 def find_readers(kind: str, dictionary: str = "36h11") -> tuple[list[Reader], list[tuple[str, str]]]:
-    """The readers of a kind of code that are installed, and (name, reason) of those that are not.
+    """Find installed readers for a kind of code, `qr` or `apriltag`, and (name, reason) of the missing readers.
 
-    Args:
-        kind: `qr` or `apriltag`.
-        dictionary: family of the AprilTags, `36h11` or `36h10`; the code's record names it.
-
-    Raises:
-        ToolkitError: unknown kind or family.
+    `dictionary` is the family of AprilTags, `36h11` or `36h10`. Unknown kinds and families are a `ToolkitError`.
     """
     if kind == APRILTAG:
         if dictionary not in DICTIONARIES:
@@ -109,6 +97,7 @@ def find_readers(kind: str, dictionary: str = "36h11") -> tuple[list[Reader], li
         return [Reader("opencv", cv2.__version__, partial(_read_tags, DICTIONARIES[dictionary]))], []
     if kind != QR:
         raise one_of("code", kind, [QR, APRILTAG])
+    # readers of QR codes, if they are installed; OpenCV always is
     readers, missing = [], []
     try:
         import zxingcpp  # noqa: F401
@@ -127,25 +116,17 @@ def find_readers(kind: str, dictionary: str = "36h11") -> tuple[list[Reader], li
 
 
 def judge_texts(texts: Sequence[str], truth: str) -> int:
-    """`RIGHT` where the true text is among those that were read, `NOT_DECODED` where none was, else `WRONG`."""
+    """Return `RIGHT` if the true text was read, `NOT_DECODED` if no text was, else `WRONG`."""
     if truth in texts:
         return RIGHT
     return WRONG if texts else NOT_DECODED
 
 
 def read_codes(reader: Reader, images: torch.Tensor, truths: Sequence[str]) -> np.ndarray:
-    """What a reader makes of images.
+    """Rank images (b, 3, h, w) float sRGB-encoded by the true texts of their codes; (b,) int32, see `judge_texts`.
 
     The images are rounded to 8 bits. The paper's release casts them as `255 * uint8(x)`, which blackens every pixel
-    below full white: under noise, fog, JPEG or a changed contrast its reader is shown nothing.
-
-    Args:
-        reader: reads.
-        images: (b, 3, h, w) float sRGB-encoded in [0, 1].
-        truths: text of the code in each.
-
-    Returns:
-        (b,) int32, `RIGHT`, `WRONG` or `NOT_DECODED`.
+    below full white, so that its reader fails under noise, fog, JPEG or a changed contrast.
     """
     pictures = to_bytes(images)
     ranks = [judge_texts(reader.read(picture), truth) for picture, truth in zip(pictures, truths, strict=True)]

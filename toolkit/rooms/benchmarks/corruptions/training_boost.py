@@ -20,12 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrainingBoost:
-    """A patch set as what every training image carries: its `ClassPictures`.
-
-    Attributes:
-        pictures: the set.
-        placement: where they lie, drawn by each image's seed.
-    """
+    """A patch set for every training image, as `ClassPictures`, placed by each image's seed."""
 
     pictures: PatchSet
     placement: Placement
@@ -41,13 +36,13 @@ class TrainingBoost:
 
     @property
     def words(self) -> str:
-        """What an image carries."""
+        """Words for the patch on an image."""
         return f"its class's patch of the set {self.pictures.name}"
 
     def fit(self, labels: Sequence[str], used: Sequence[int], image_px: int) -> Overlay:
-        """How the patches of the classes `used` are laid on images of `image_px`.
+        """Return a function that lays the patches of the classes `used` on images of `image_px`.
 
-        A class's patch is the patch made for its label: the set may have its classes in another order.
+        Patches are found by label: the set may have its classes in another order.
 
         Raises:
             ToolkitError: a class has no patch, or the patches are larger than the images.
@@ -56,14 +51,12 @@ class TrainingBoost:
 
         name, n_px = self.pictures.name, self.pictures.n_px
         if n_px > image_px:
-            raise FieldError(
-                f"its patches are {n_px} px a side, and the network sees images of {image_px} px: make smaller ones, "
-                "or raise {image_px}",
-                {"patches": name},
-            )
+            larger = f"its patches are {n_px} px a side, and the network sees images of {image_px} px"
+            raise FieldError(f"{larger}: make smaller patches, or raise {{image_px}}", {"patches": name})
+        # pictures of the used classes alone
         chosen = [self._find(labels[index], index) for index in used]
         pixels = torch.from_numpy(np.stack([patch.pixels for patch in chosen]).transpose(0, 3, 1, 2).copy())
-        # a class's place among the pictures, by its index among all labels
+        # number of a class's picture, by its index among all labels
         slots = np.full(len(labels), -1)
         slots[list(used)] = np.arange(len(chosen))
 

@@ -1,4 +1,4 @@
-"""A patch set, a folder `print/patches/SET` with a picture for each of many classes; the settings it is trained by."""
+"""Patch sets, folders `print/patches/SET` with a picture for each of many classes, and the settings to train them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from toolkit.objects.records import Patch
 
 FLAT = {"pose": False, "light": False, "print_process": False, "glare": False, "camera": False, "mounted_share": 0.0}
-"""What a patch that is laid on images in memory does not meet."""
+"""Changes in training that patches on images in memory do not need."""
 ASKED_OF_FLAT = (
     "steps", "epochs", "batch", "lr", "schedule", "smoothing_px", "last_smoothing_px", "start_contrast", "objective",
     "jitter", "momentum", "corrupted",
 )  # fmt: skip
-"""What else may be asked of its recipe."""
+"""Other options of its recipe."""
 
 
 def check_set_name(name: str) -> str:
@@ -40,7 +40,7 @@ SetName = Annotated[str, AfterValidator(check_set_name)]
 
 
 def name_class(labels: Sequence[str], index: int) -> str:
-    """File name without suffix: from the label, with the index where another class's would be the same."""
+    """Return a file name without suffix: from the label, with the index if another class's would be the same."""
     names = [name_files(None, label, k) for k, label in enumerate(labels)]
     # file systems that know no case, and ImageNet's two 'crane'
     same = [k for k, name in enumerate(names) if name.lower() == names[index].lower()]
@@ -49,13 +49,7 @@ def name_class(labels: Sequence[str], index: int) -> str:
 
 @dataclass(frozen=True)
 class PatchSet:
-    """Pictures of the same size, a picture for each class.
-
-    Attributes:
-        name: of the folder.
-        n_px: side of all of them.
-        patches: by class index.
-    """
+    """A folder of pictures of `n_px`, a picture for each class index."""
 
     name: str
     n_px: int
@@ -63,17 +57,17 @@ class PatchSet:
 
     @property
     def method(self) -> str:
-        """How the pictures were made, as their records say."""
+        """Method of the pictures in their records."""
         return str(next(iter(self.patches.values())).record.settings.get("method", "unknown"))
 
     @property
     def code_kind(self) -> str | None:
-        """`qr` or `apriltag` where the pictures are codes."""
+        """`qr` or `apriltag` if the pictures are codes."""
         code: dict[str, Any] = next(iter(self.patches.values())).record.settings.get("code") or {}
         return code.get("kind")
 
     def code_text(self, class_index: int) -> str:
-        """What a reader of a class's code must say."""
+        """Text of a class's code."""
         return str(self.patches[class_index].record.settings["code"]["text"])
 
     @property
@@ -90,7 +84,7 @@ class PatchSet:
 
 
 def read_patch_set(workspace: Workspace, name: str, labels: list[str] | None) -> PatchSet:
-    """Read all pictures of a set and check them against the labels that they shall stand for, if any are given.
+    """Read all pictures of a set and check them against labels, if any are given.
 
     Raises:
         ToolkitError: no such set, pictures of several sizes or two of a class, a damaged picture, or a class that is
@@ -110,18 +104,18 @@ def read_patch_set(workspace: Workspace, name: str, labels: list[str] | None) ->
                 f"this classifier is {other}: name the classifier that the set was made for (SET@MODEL)"
             )
         if record.class_index in patches:
-            raise ToolkitError(f"set '{name}' has two pictures of class '{record.class_name}': remove one ({file})")
+            raise ToolkitError(f"set '{name}' has two pictures of class '{record.class_name}': remove {file}")
         patches[record.class_index] = patch
+    # a set has a single size
     sizes = sorted({patch.record.n_px for patch in patches.values()})
     if len(sizes) > 1:
-        raise ToolkitError(
-            f"set '{name}' has pictures of {' and '.join(map(str, sizes))} px: keep each size in a set of its own"
-        )
+        shown = " and ".join(map(str, sizes))
+        raise ToolkitError(f"set '{name}' has pictures of {shown} px: keep each size in a separate set")
     return PatchSet(name, sizes[0], patches)
 
 
 class ClassPatchesConfig(Config):
-    """Patches to train, beside the settings that they share with every patch."""
+    """Patches to train; other settings are those of every patch."""
 
     set_name: Annotated[SetName, Flag("--set", metavar="SET")] = Field(
         "patches", description="The sets are print/patches/SET-SIZE."
@@ -130,22 +124,21 @@ class ClassPatchesConfig(Config):
         (100,), description="Side in pixels, repeatable."
     )
     backgrounds: Annotated[Backgrounds, Flag()] = Field(
-        "auto",
-        description="class: images of the class only; all: every image; auto: of the class where there are 32.",
+        "auto", description="class: images of the class only; all: every image; auto: of the class where there are 32."
     )
     images: Annotated[int, Field(ge=2), Flag()] = Field(
         256, description="Images kept in memory at most, a fifth of them held out."
     )
-    seed: Annotated[int, Field(ge=0)] = Field(0, description="Of every random draw.")
+    seed: Annotated[int, Field(ge=0)] = Field(0, description="Seed of every random draw.")
 
     def data(self) -> DataConfig:
-        """As records name the images."""
+        """Name of the images in records."""
         return DataConfig(sources=(self.set_name,), backgrounds=self.backgrounds, images=self.images, seed=self.seed)
 
 
 def make_flat_config(
     recipe: str, overrides: Mapping[str, Any], placement: Placement, config: ClassPatchesConfig
 ) -> PatchConfig:
-    """A recipe with overrides for patches that are laid on images in memory: they meet no world."""
+    """Return a recipe with overrides for patches that are laid on images in memory."""
     fixed = {"affine": placement, "seed": config.seed}
     return make_config(recipe, {**FLAT, **overrides, **fixed}, config.data())

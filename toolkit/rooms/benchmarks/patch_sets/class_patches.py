@@ -1,4 +1,4 @@
-"""A patch for each of many classes into patch sets, each a unit of work: what `toolkit train-patches` runs."""
+"""`toolkit train-patches`: a patch for each of many classes, each a unit of work."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
@@ -21,6 +21,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.engine.local import InProcess
 from toolkit.engine.units import Engine, Shared, Unit, done_unit, run_resumable
+from toolkit.evaluation.summaries import list_reasons
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.records import read_patch
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ClassPatch:
-    """One patch of a run: its set and class, the shares of held-out images, None where it was finished before."""
+    """A patch of a run: its set and class, and accuracies on held-out images, None if it was finished before."""
 
     set_name: str
     label: str
@@ -45,14 +46,7 @@ class ClassPatch:
 
 @dataclass(frozen=True)
 class ClassPatches:
-    """What a run made.
-
-    Attributes:
-        patches: in the order of sizes and classes.
-        skipped: (path, reason) of images that could not be used and of patches that could not be trained.
-        folder: that the sets lie in.
-        n_classes: that were asked for.
-    """
+    """Patches of a run by sizes and classes, and (path, reason) of unusable images and failed patches."""
 
     patches: list[ClassPatch]
     skipped: list[tuple[str, str]]
@@ -66,27 +60,18 @@ class ClassPatches:
 
     def as_json(self) -> dict[str, Any]:
         """All of it for a script."""
-        lost = [{"path": path, "reason": reason} for path, reason in self.skipped]
-        return {"sets": self.sets, "patches": [asdict(patch) for patch in self.patches], "skipped": lost}
+        patches = [asdict(patch) for patch in self.patches]
+        return {"sets": self.sets, "patches": patches, "skipped": list_reasons(self.skipped)}
 
     def lines(self) -> Iterator[str]:
-        """How many lie where."""
+        """Numbers of classes and patches, and their folders."""
         folders = ", ".join(str(self.folder / name) for name in self.sets)
         yield f"{self.n_classes} classes, {len(self.patches)} patches in {folders}"
 
 
 @dataclass(frozen=True)
 class Order:
-    """A patch that is to be trained.
-
-    Attributes:
-        config: with its size.
-        class_index: of the network.
-        label: of the class.
-        name: of the files.
-        out: folder of the set.
-        restart: forget what an earlier run left.
-    """
+    """A patch to train for a class, and the name of its files in the folder `out`; `restart` discards earlier steps."""
 
     config: PatchConfig
     class_index: int
@@ -97,7 +82,7 @@ class Order:
 
 
 Made: TypeAlias = "tuple[Validation | None, dict[str, bytes]]"
-"""What held-out images say; and the files by their path in the set, the record last, where the driver has to write."""
+"""Accuracies on held-out images; and the files by their path in the set, the record last, for the driver to write."""
 
 
 def train_class_patches(
@@ -106,21 +91,18 @@ def train_class_patches(
 ) -> ClassPatches:  # fmt: skip
     """Train every patch that is not finished; a failed patch is listed, and the others are trained.
 
-    An interrupted run goes on in the middle of a patch. On Ray, whose nodes do not see the workspace, the patches that
-    are half done begin anew. The engine changes no result.
-
-    In memory are the images of a class (or of all, once) and a patch, n × n, at a time; with workers, those of the
-    units that wait.
+    An interrupted run resumes in the middle of a patch. On Ray, whose nodes do not see the workspace, half-done patches
+    begin again. The engine changes no result. Memory holds the images of a class, or of all, and a patch at a time.
 
     Args:
         config: sets, sizes and images.
         patch: settings of every patch but its size, see `make_flat_config`.
         images: of these classes, and of others.
-        classes: indices of those that get patches.
+        classes: indices of the classes to train.
         network: the classifier.
-        workspace: where the sets go.
-        restart: forget what an earlier run left.
-        engine: where patches are trained; by default in this process.
+        workspace: gets the sets.
+        restart: discard earlier steps.
+        engine: trains the patches; by default this process.
 
     Raises:
         ToolkitError: a size that does not fit the network, no patch could be trained, workers within torchrun, or the
@@ -129,12 +111,13 @@ def train_class_patches(
     engine = engine or EngineConfig()
     is_torchrun = current().count > 1
     if is_torchrun and engine != EngineConfig():
-        raise FieldError("{engine} and {workers} share patches, torchrun shares each patch: take one of them", {})
+        raise FieldError("{engine} and {workers} share patches, torchrun shares each patch: choose either", {})
     folder = workspace.root / "print" / "patches"
     orders = {
         f"{order.out.name}/{order.name}": order
         for order in _list_orders(config, patch, classes, network, folder, restart)
     }
+    # images are decoded for a class at a time, patches kept as they are finished
     source = _Source(images, config, network.preprocessing)
     done: dict[str, ClassPatch] = {}
 
@@ -147,7 +130,7 @@ def train_class_patches(
         told = f"{shares[0]} of held-out images with it, {shares[1]} without" if answer else "finished before"
         notice(f"{name}: {told}")
 
-    # what stops any of torchrun's processes has to stop all of them
+    # an error in any of torchrun's processes has to stop all of them
     opened = InProcess(raises=True) if is_torchrun else engine.open(gpus=int(network.device != "cpu"))
     with opened as workers:
         units = _list_units(orders, source, network, workspace, workers, is_here=engine.engine == "local")
@@ -176,7 +159,7 @@ def _list_units(
     orders: Mapping[str, Order], source: "_Source", network: Network, workspace: Workspace, engine: Engine,
     is_here: bool,
 ) -> Iterator[Unit[Made]]:  # fmt: skip
-    """A unit for each patch; only with its images is it known whether it is finished."""
+    """A unit for each patch; its images tell whether it is finished."""
     from toolkit.boosters.booster import read_finished
     from toolkit.boosters.patch import RENDERS, choose_files, hash_patch
 
@@ -190,7 +173,7 @@ def _list_units(
         key = hash_patch(order.config, order.class_index, [network], data, order.name)
         files = choose_files(workspace, order.out, order.name)
         if not order.restart and read_finished(read_patch, files, key):
-            # what a kill after the patch and before its own clean-up has left
+            # left by a kill after the patch and before its clean-up
             Checkpoint(files.training, key, shared=RENDERS).remove()
             yield Unit((name,), done_unit, ((None, {}),), name)
             continue
@@ -203,7 +186,7 @@ def _list_units(
 def train_unit(
     network: Shared[Network], data: Shared[TrainingData], order: Order, workspace: Workspace, is_here: bool
 ) -> Iterator[Made]:
-    """The work of a unit: `train_patch`; in the workspace where it `is_here`, else in a folder of its own."""
+    """Do the work of a unit: `train_patch`, in the workspace if it `is_here`, else in a temporary folder."""
     from toolkit.boosters.patch import train_patch
 
     with quietly(), nullcontext(order.out) if is_here else TemporaryDirectory() as folder:
@@ -218,12 +201,7 @@ def train_unit(
 
 
 class _Source:
-    """The training images of each class.
-
-    Attributes:
-        skipped: (path, reason) of images that cannot be used.
-        refused: by patch, why it has no images.
-    """
+    """Training images of each class, (path, reason) of unusable images, and errors of patches without images."""
 
     def __init__(self, images: ImageSet, config: ClassPatchesConfig, how: Preprocessing) -> None:
         self._images, self._config, self._how = images, config, how
@@ -234,6 +212,7 @@ class _Source:
 
     def load(self, class_index: int) -> TrainingData:
         """Those of the class, or of all classes."""
+        # images of the class alone, if there are enough of them
         count = sum(image.class_index == class_index for image in self._images.images)
         wanted = self._config.backgrounds
         own = wanted == "class" or (wanted == "auto" and count >= FEW_IMAGES)

@@ -1,6 +1,6 @@
-"""How far a patch carries: a quantity is varied, the rest kept.
+"""Sweeps vary a quantity and keep the rest, to see where a patch still works.
 
-The settings are declared here once, for the command line and for Python; nothing heavy is loaded for them.
+Here are their settings, for the command line and for Python; nothing heavy is loaded for them.
 """
 
 from typing import TYPE_CHECKING, Annotated
@@ -18,20 +18,19 @@ if TYPE_CHECKING:
 
 
 class SweepConfig(Config):
-    """One sweep; see `run_sweep`."""
+    """A sweep; see `run_sweep`."""
 
     axis: Annotated[str, Flag(metavar="AXIS", positional=True)] = Field(
         description="light, backdrop, distance, resolution, size, coverage, seed, fog or blur."
     )
     values: Annotated[tuple[str | int | float, ...], Flag(metavar="VALUES", typed=tuple[str, ...])] = Field(
         (),
-        description="Values to try; repeat, or separate by commas. Names of lights or backdrops, factors of the plan's "
-        "distance, widths of the picture in px, sides of the printed patch in mm, per cent "
-        "of what cameras see that the best pieces of a wrap cover, seeds, or severities of ImageNet-C's fog or defocus "
-        "blur, 0 to 5.",
+        description="Values to try; repeat, or separate by commas. light, backdrop: names. distance: factors of the "
+        "plan's. resolution: widths in px. size: mm of the printed patch. coverage: per cent of the visible surface "
+        "under the best pieces of a wrap. fog, blur: severities 0 to 5 of ImageNet-C. seed: whole numbers.",
     )
     cross: Annotated[tuple[str, ...], Flag("--cross", metavar="AXIS=VALUES")] = Field(
-        (), description="Run the sweep at each of these values of another axis, and write one table; repeat for more."
+        (), description="Run the sweep at each of these values of another axis, and write a table; repeat for more."
     )
     objects: Annotated[tuple[str, ...], Flag("--object", metavar="NAME")] = Field(
         (), description="Object to shoot; repeat for more. Default: all in the plan."
@@ -46,39 +45,35 @@ class SweepConfig(Config):
     )
     trained: Annotated[bool, Flag("--trained")] = Field(
         False,
-        description="Of the axis size: at each size the set of patches trained for it, print/patches/60mm for 60 mm "
+        description="For the axis size: use the set of patches trained for each size, such as print/patches/60mm "
         "('train-patch --size-mm 60 --out print/patches/60mm').",
     )
     renderer: Annotated[str, AfterValidator(check_renderer), Later(), Flag(metavar="|".join(RENDERERS))] = Field(
-        RAYCAST, description="What draws the images."
+        RAYCAST, description="Renderer of the images."
     )
     seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
 
     @model_validator(mode="after")
     def _check_values(self) -> "SweepConfig":
-        # parsed here, so that a value that cannot be is refused before anything is shot
+        # parsed here, so that an impossible value is refused before anything is shot
         axis, _ = self.parse()
-        names = [axis.name, *(one.name for one, _ in self.parse_cross())]
+        names = [axis.name, *(other.name for other, _ in self.parse_cross())]
         if len(set(names)) < len(names):
-            raise FieldError("expected each axis once, the swept one among them", {"cross": self.cross})
+            raise FieldError("expected each axis once, with the swept axis", {"cross": self.cross})
         self.shown()
         if self.trained and axis.name != "size":
             raise FieldError("expected the axis size: patches are trained for a printed size", {"axis": axis.name})
         return self
 
     def shown(self) -> tuple[str, ...]:
-        """Each variant once; where the wrap is varied, it takes the patch's place unless others are asked for."""
+        """Each variant once; if the wrap is varied, it takes the patch's place by default."""
         varied = ("unpatched", "wrapped") if self.axis == "coverage" and self.variants == PAIR else self.variants
         from toolkit.rig.applied.tag import name_variant  # brings the renderer's parts
 
         return tuple(dict.fromkeys(map(name_variant, varied)))
 
     def parse(self) -> "tuple[Axis, list[Value]]":
-        """The axis, and its values in order.
-
-        Raises:
-            ToolkitError: there is no such axis, or it cannot have such a value.
-        """
+        """Return the axis and its values in order; unknown axes and impossible values are a `ToolkitError`."""
         from toolkit.rooms.benchmarks.sweeps.axes import find_axis, parse_values
 
         axis = find_axis(self.axis)

@@ -1,4 +1,4 @@
-"""What can be varied, and the units of work that makes: an object at a value, or why it cannot be shot there."""
+"""Axes of a sweep and its units of work: an object at a value, or why it cannot be shot there."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -23,13 +23,11 @@ PAPER_MM = round(printed_size_mm(100), 3)
 
 @dataclass(frozen=True)
 class ShootSetup:
-    """Everything that decides how the images of a value are shot.
+    """Settings of the images of a value.
 
     Attributes:
-        plan: camera and poses.
-        settings: light, backdrop, seed.
-        patch_mm: printed side of every patch; None: as the object's spec or the patch's record says.
-        corruption: name and severity of ImageNet-C that every image gets when it is read; None: none.
+        patch_mm: printed side of every patch; None: that of the object's spec or the patch's record.
+        corruption: name and severity of ImageNet-C for every image when it is read.
     """
 
     plan: CapturePlan
@@ -40,18 +38,16 @@ class ShootSetup:
 
 @dataclass(frozen=True)
 class Axis:
-    """One thing to vary.
+    """A quantity to vary.
 
     Attributes:
-        name: as the user calls it.
-        title: what the figure writes below it, with its unit.
+        title: below the figure, with its unit.
         unit: of the values, empty for names.
-        defaults: values that are tried unless others are asked for.
-        parse: a value from what the user typed; raises `ToolkitError`.
+        parse: a value from the user's text; raises `ToolkitError`.
         change: the setup with another value.
-        is_ordered: whether values lie on a scale, so that a line through them means something.
+        is_ordered: whether values lie on a scale, and can be joined by a line.
         is_log: whether that scale is drawn logarithmically.
-        prefix: before a value in its label, where the number alone says little.
+        prefix: before a number in its label.
     """
 
     name: str
@@ -65,8 +61,8 @@ class Axis:
     prefix: str = ""
 
     def label(self, value: Value) -> str:
-        """A value as a folder is called after it: `dim`, `1.5x`, `160px`, `44mm`, `seed3`, `fog-3`."""
-        # ten digits, so that values that differ have folders that differ
+        """Name of a value's folder, such as `dim`, `44mm`, `seed3` or `fog-3`."""
+        # ten digits, so that different values have different folders
         return self.prefix + (value if isinstance(value, str) else f"{value:.10g}{self.unit}")
 
 
@@ -78,9 +74,7 @@ def find_axis(name: str) -> Axis:
 
 
 def parse_values(axis: Axis, typed: Sequence[Value] = ()) -> list[Value]:
-    """The values asked for, each once, in order (numbers ascending); the axis' own where none are named.
-
-    Each text may hold several, separated by commas.
+    """Parse texts of values, which commas may separate; each value once, in order, by default those of the axis.
 
     Raises:
         ToolkitError: a value that the axis cannot have.
@@ -90,7 +84,7 @@ def parse_values(axis: Axis, typed: Sequence[Value] = ()) -> list[Value]:
     return sorted(values) if axis.is_ordered else list(values)  # type: ignore[type-var]
 
 
-def _one_name(kind: str, known: Sequence[str]) -> Callable[[str], Value]:
+def _name(kind: str, known: Sequence[str]) -> Callable[[str], Value]:
     def parse(text: str) -> Value:
         if text not in known:
             raise one_of(kind, text, list(known))
@@ -108,9 +102,8 @@ def _number(what: str, example: str, whole: bool, low: float, high: float) -> Ca
         except ValueError:
             value = math.nan
         if not low <= value <= high:  # nan is neither
-            raise FieldError(
-                f"expected {what}, {kind} from {low:g} to {high:g}, for example {example}", {"values": text}
-            )
+            expected = f"expected {what}, {kind} from {low:g} to {high:g}, for example {example}"
+            raise FieldError(expected, {"values": text})
         return value
 
     return parse
@@ -126,31 +119,21 @@ def _change_setting(name: str) -> Callable[[ShootSetup, Value], ShootSetup]:
     return change
 
 
-def _corrupt(name: str) -> Callable[[ShootSetup, Value], ShootSetup]:
-    """Return the function that lets images be corrupted when they are read; 0 leaves them as they are."""
+def _make_weather(name: str, corruption: str, title: str) -> Axis:
+    """Images are corrupted when they are read; severity 0 leaves them as they are."""
 
     def change(setup: ShootSetup, value: Value) -> ShootSetup:
-        return replace(setup, corruption=(name, int(value)) if value else None)
+        return replace(setup, corruption=(corruption, int(value)) if value else None)
 
-    return change
-
-
-def _make_weather(name: str, corruption: str, title: str) -> Axis:
     return Axis(
         name, f"severity of {title}, 0 is none", "", (0, 1, 2, 3, 4, 5),
-        parse=_number("a severity of ImageNet-C", "3", True, 0, 5), change=_corrupt(corruption),
-        is_ordered=True, prefix=f"{name}-",
+        parse=_number("a severity of ImageNet-C", "3", True, 0, 5), change=change, is_ordered=True, prefix=f"{name}-",
     )  # fmt: skip
 
 
 _AXES = (
-    Axis(
-        "light", "light", "", tuple(LIGHTS), parse=_one_name("light", tuple(LIGHTS)), change=_change_setting("light"),
-    ),
-    Axis(
-        "backdrop", "backdrop", "", BACKDROPS, parse=_one_name("backdrop", BACKDROPS),
-        change=_change_setting("backdrop"),
-    ),
+    Axis("light", "light", "", tuple(LIGHTS), parse=_name("light", tuple(LIGHTS)), change=_change_setting("light")),
+    Axis("backdrop", "backdrop", "", BACKDROPS, parse=_name("backdrop", BACKDROPS), change=_change_setting("backdrop")),
     Axis(
         "distance", "distance, as a multiple of the plan's", "x", (0.9, 1.0, 1.5, 2.0, 3.0),
         parse=_number("a factor of the plan's distance", "1.5", False, 0.1, 20),
@@ -193,14 +176,12 @@ class SweepPoint:
     """An object at a value.
 
     Attributes:
-        value, label: of the axis; the label is the name of its source's folder.
-        object: name of the object.
-        setup: how it is shot.
+        label: of the value, the name of its source's folder.
         patch_mm: printed side of its patch, None if no variant has a patch.
-        covered: share of what cameras see that its wrap covers, None where it is not varied.
         longest_mm: the object's longest side.
-        refused: why it cannot be shot in every variant; None when it can.
-        patch_set: whose patches it wears; None: the workspace's.
+        refused: why it cannot be shot in every variant, if so.
+        patch_set: of its patches; None: the workspace's.
+        covered: share of the visible surface under its wrap, None if it is not varied.
     """
 
     value: Value
@@ -218,25 +199,25 @@ def plan_units(
     workspace: Workspace, axis: Axis, values: Sequence[Value], base: ShootSetup, *, objects: Sequence[str],
     variants: Sequence[str], trained: bool = False,
 ) -> list[SweepPoint]:  # fmt: skip
-    """Every unit of a sweep, value by value.
+    """List every unit of a sweep, value by value.
 
-    An object that cannot be shot in a variant at a value (a patch too large for it, a camera inside it) is
-    refused there as a whole: its rows would have nothing to be compared with. With `trained`, each value has the set of
-    patches that bears its label; where there is none, its units are refused.
+    An object that cannot be shot in a variant at a value, such as with too large a patch, is refused there in all
+    variants, which could not be compared. With `trained`, each value uses the set of patches with its label, or is
+    refused.
 
     Raises:
-        ToolkitError: an object, variant or patch is unknown, missing or broken, an object is not in the plan, or a
-            value is none that a camera can have; or the patch's size is varied and no variant has a patch.
+        ToolkitError: an unknown or broken object, variant or patch, an object that is not in the plan, an impossible
+            value, or no variant with the patch whose size is varied.
     """
+    # each object at each value
     items = {name: load_object(workspace.object_spec(name)) for name in dict.fromkeys(objects)}
     for name in items:
         if name not in base.plan.objects:
             raise ToolkitError(f"object '{name}' is not in {workspace.plan_file}: run 'toolkit plan --object {name}'")
     setups = {value: axis.change(base, value) for value in values}
+    plan = _plan_trained if trained else _plan_unit
     units = [
-        (_plan_trained if trained else _plan_unit)(
-            workspace, item, setup, variants, value=value, label=axis.label(value)
-        )
+        plan(workspace, item, setup, variants, value=value, label=axis.label(value))
         for value, setup in setups.items()
         for item in items.values()
     ]
@@ -244,9 +225,7 @@ def plan_units(
     if axis.name == "coverage" and all(unit.covered is None and unit.refused is None for unit in units):
         raise FieldError("the axis 'coverage' varies the wrap: name the variant 'wrapped'", {"variants": variants})
     if axis.name == "size" and all(unit.patch_mm is None for unit in units):
-        raise FieldError(
-            "the axis 'size' varies the patch: name a variant that has one, such as 'patched'", {"variants": variants}
-        )
+        raise FieldError("the axis 'size' varies the patch: name the variant 'patched'", {"variants": variants})
     return units
 
 
@@ -266,6 +245,7 @@ def _plan_trained(
 def _plan_unit(
     workspace: Workspace, item: TableObject, setup: ShootSetup, variants: Sequence[str], *, value: Value, label: str
 ) -> SweepPoint:
+    # the patch's size as it is shot: asked for, or the object's own
     longest_mm = float(item.mesh.size_mm.max())
     boosters = [setup.settings.find_booster(workspace, item, name) for name in variants]
     shown = [booster.covered for booster in boosters if booster is not None and booster.covered is not None]
@@ -274,6 +254,7 @@ def _plan_unit(
     if not own_mm or all(size_mm == setup.patch_mm for size_mm in own_mm):
         setup = replace(setup, patch_mm=None)  # the images of `capture-sim` are these
     sized = item if setup.patch_mm is None else replace(item, spec=item.spec.with_patch_size(setup.patch_mm))
+    # whether cameras and boosters fit the object
     refused = None
     try:
         check_poses(item, setup.plan.camera, setup.plan.objects[item.name])
@@ -283,5 +264,5 @@ def _plan_unit(
                 booster.apply(sized)
     except ToolkitError as error:
         refused = str(error)
-    return SweepPoint(value, label, item.name, setup, patch_mm=patch_mm, longest_mm=longest_mm, refused=refused,
-                      covered=shown[0] if shown else None)  # fmt: skip
+    covered = shown[0] if shown else None
+    return SweepPoint(value, label, item.name, setup, patch_mm, longest_mm, refused=refused, covered=covered)

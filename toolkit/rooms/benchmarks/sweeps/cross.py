@@ -1,4 +1,4 @@
-"""Several quantities varied together: a sweep for each combination of the crossed values, and one table of all."""
+"""Several quantities varied together: a sweep for each combination of the crossed values, and a table of all."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,6 @@ from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.models.network import Classifier
 from toolkit.rooms.benchmarks.sweeps import SweepConfig
-from toolkit.rooms.benchmarks.sweeps.axes import Axis, ShootSetup, Value
 from toolkit.rooms.benchmarks.sweeps.sweep import SweepResult, base_setup, run_sweep
 
 if TYPE_CHECKING:
@@ -24,12 +23,11 @@ COLUMNS = ("variant", "n", "correct", "top1", "top1_low", "top1_high")
 
 @dataclass(frozen=True)
 class Crossed:
-    """What a crossed sweep made.
+    """Result of a crossed sweep.
 
     Attributes:
-        axes: names of the crossed axes, then of the swept one.
-        cells: a row for each combination of values and each variant, all objects together.
-        csv_file: where they are.
+        axes: names of the crossed axes, then of the swept axis.
+        cells: a row for each combination of values and each variant, all objects together, also in `csv_file`.
         sweeps: the sweep of each combination.
     """
 
@@ -41,7 +39,7 @@ class Crossed:
     @property
     def is_whole(self) -> bool:
         """Whether everything could be shot and read."""
-        return not any(one.sweep.skipped or one.sweep.failed for one in self.sweeps)
+        return not any(result.sweep.skipped or result.sweep.failed for result in self.sweeps)
 
 
 def run_crossed(
@@ -49,16 +47,18 @@ def run_crossed(
 ) -> Crossed:
     """Run `run_sweep` for each combination of the values of `config.cross`; raises as it does.
 
-    Combinations have captures and reports of their own below `eval/sweeps/AXIS`, and the table is
+    Combinations have separate captures and reports below `eval/sweeps/AXIS`, and the table is
     `eval/sweeps/AXIS/cross-MODEL.csv`.
     """
     axis, _ = config.parse()
     crossed = config.parse_cross()
-    axes = (*(one.name for one, _ in crossed), axis.name)
+    axes = (*(other.name for other, _ in crossed), axis.name)
     cells, made = list[dict[str, Any]](), list[SweepResult]()
     for values in product(*(values for _, values in crossed)):
-        labels = [one.label(value) for (one, _), value in zip(crossed, values, strict=True)]
-        base = _change_all(base_setup(workspace, config), [one for one, _ in crossed], values)
+        base, labels = base_setup(workspace, config), []
+        for (other, _), value in zip(crossed, values, strict=True):
+            base = other.change(base, value)
+            labels.append(other.label(value))
         made.append(run_sweep(workspace, config, classifier, base, engine, apart="-".join(labels)))
         cells += _list_cells(made[-1], axes, labels)
     name = config.run or classifier.name
@@ -67,14 +67,8 @@ def run_crossed(
     return Crossed(axes, tuple(cells), file, tuple(made))
 
 
-def _change_all(base: ShootSetup, axes: Sequence[Axis], values: Sequence[Value]) -> ShootSetup:
-    for axis, value in zip(axes, values, strict=True):
-        base = axis.change(base, value)
-    return base
-
-
 def _list_cells(result: SweepResult, axes: Sequence[str], labels: Sequence[str]) -> list[dict[str, Any]]:
-    """The pooled rows of a sweep; of a single object its own."""
+    """Rows of a sweep for all objects together, or for a single object."""
     sweep = result.sweep
     name = next(iter(sweep.objects)) if len(sweep.objects) == 1 else POOLED
     return [
@@ -95,10 +89,10 @@ def build_crossed_table(crossed: Crossed) -> "Table":
     for cell in crossed.cells:
         rows.setdefault(tuple(cell[axis] for axis in crossed.axes), {})[cell["variant"]] = cell
     heads = [head for variant in variants for head in (f"{variant} %", "95 %")]
-    lines = [
-        [*key, *(text for variant in variants for text in _write_share(found.get(variant)))]
-        for key, found in rows.items()
-    ]
+    lines = []
+    for key, found in rows.items():
+        shares = (_write_share(found.get(variant)) for variant in variants)
+        lines.append([*key, *(text for pair in shares for text in pair)])
     count = max(cell["n"] for cell in crossed.cells)
     return build_table(f"{' × '.join(crossed.axes)}, {count} images a cell", list(crossed.axes), heads, lines)
 

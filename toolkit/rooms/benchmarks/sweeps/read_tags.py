@@ -1,4 +1,4 @@
-"""What OpenCV's reader of tags says of pictures: its answers stand where a network's stand for other variants."""
+"""Answers of OpenCV's reader of tags, in place of a network's answers."""
 
 from collections.abc import Sequence
 
@@ -15,15 +15,10 @@ NOT_READ = "no tag"
 
 
 def read_tags(captures: Sequence[Capture], true_classes: dict[str, int], labels: Sequence[str]) -> list[Prediction]:
-    """One answer for each image of a tag: the object's class where its tag is read, else none of the classes.
+    """Answer for each image of a tag: the object's class if its tag is read, else none of the network's `labels`.
 
-    The reader has every pixel of the camera, where a network has its own resized picture. Fog and blur are ImageNet-C's
-    on that picture; their lengths in pixels are the same, so they are milder for the reader.
-
-    Args:
-        captures: of variants that are tags.
-        true_classes: index of each object's class.
-        labels: of the network.
+    The reader has every pixel of the camera, but a network only its resized picture. Fog and blur of ImageNet-C have
+    the same lengths in pixels on both, so they are milder for the reader.
     """
     made = []
     with progress("reading tags", len(captures)) as bar:

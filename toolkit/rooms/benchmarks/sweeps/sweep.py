@@ -1,4 +1,4 @@
-"""From an axis to `eval/sweeps/AXIS`: shoot every value as a source of its own, evaluate them all, write what came."""
+"""From an axis to `eval/sweeps/AXIS`: shoot every value as a separate source, evaluate all, write the results."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
@@ -31,14 +31,12 @@ from toolkit.rooms.benchmarks.sweeps.sweep_rows import Sweep, draw_sweep, write_
 
 @dataclass(frozen=True)
 class SweepResult:
-    """What a sweep made.
+    """Rows and files of a sweep.
 
     Attributes:
-        sweep: its rows.
-        json_file, csv_file, figure_file: where they are.
         evaluation: the report over all values, each a source.
-        shot, kept: images shot now, and images that were there before or stand for several values.
-        classified: images that the network was asked about now.
+        shot, kept: numbers of new images, and of images that were there before or serve several values.
+        classified: number of images that the network classified now.
     """
 
     sweep: Sweep
@@ -58,29 +56,27 @@ def run_sweep(
     """Vary a quantity and keep the rest.
 
     Images lie in `eval/sweeps/AXIS/captures/VALUE/OBJECT/VARIANT`, the report in `eval/sweeps/AXIS/MODEL`, and the rows
-    in `sweep-MODEL.json` and `.csv`, drawn in `.png`. They hold what this call asks for. What was shot or classified
-    before from the same inputs is taken from where it lies, also from other axes and from `captures/sim`.
+    in `sweep-MODEL.json` and `.csv`, drawn in `.png`. Earlier images and answers from the same inputs are reused, also
+    from other axes and from `captures/sim`.
 
     Args:
-        workspace: whose objects and patches are meant, and whose `eval/` is written to.
-        config: what is varied. Its `run` stands for MODEL.
+        workspace: has objects and patches, and gets the results.
+        config: the axis. Its `run` stands for MODEL.
         classifier: from `load_classifier`.
-        base: what is kept: by default the workspace's plan, and the rig's settings with the seed of `config`.
-        engine: where images are shot; by default in this process.
-        apart: name of what `base` changes, so that its captures and results lie apart from others'.
+        base: fixed settings: by default the workspace's plan, and the rig's settings with the seed of `config`.
+        engine: shoots the images; by default this process.
+        apart: name of the changes in `base`, by which its captures and results lie apart.
 
     Raises:
-        ToolkitError: an unknown object or variant, no patch, an object that is not a class of the network, nothing that
-            can be shot, or a disk that is full or read-only.
+        ToolkitError: an unknown object or variant, no patch, an object without a class of the network, or nothing that
+            can be shot.
     """
     axis, values = config.parse()
     base = base or base_setup(workspace, config)
     specs = {name: workspace.object_spec(name) for name in config.objects or base.plan.objects}
     _check_classes(list(specs.values()), classifier)
     variants = config.shown()
-    units = plan_units(
-        workspace, axis, values, base, objects=list(specs), variants=variants, trained=config.trained
-    )  # fmt: skip
+    units = plan_units(workspace, axis, values, base, objects=list(specs), variants=variants, trained=config.trained)
     possible = [unit for unit in units if unit.refused is None]
     if not possible:
         raise ToolkitError(f"no value of the sweep can be shot: {units[0].label}: {units[0].refused}")
@@ -90,17 +86,17 @@ def run_sweep(
     name = "-".join(filter(None, (config.run or classifier.name, apart)))
     if config.run is None:
         name = "-".join(dict.fromkeys(filter(None, (classifier.name, patches, renderer, apart))))
-    # two sets of patches or two renderers would take turns in one folder, and be shot again each time
+    # two sets of patches or two renderers in the same folder would be shot again each time
     captures_dir = folder / "-".join(filter(None, ("captures", patches, renderer, apart)))
+    # shoot, judge and compare, then write the report and the rows
     with (engine or EngineConfig()).open() as workers:
         shot, kept, stale, unshot = _shoot_units(workspace, possible, variants, captures_dir, workers)
     captures = _read_units(captures_dir, possible, variants, stale)
     predictions, classified = _judge(workspace, captures, classifier)
     findings = compare_predictions(classifier.name, predictions, (*captures.refused_folders, *unshot))
     findings = replace(findings, origin=find_origin(captures, findings.no_pairs, classifier))
-    evaluation = write_evaluation(
-        folder / name, classifier, findings, captures.notes, EvalConfig(saliency=False), kind="sweep"
-    )
+    settings = EvalConfig(saliency=False)
+    evaluation = write_evaluation(folder / name, classifier, findings, captures.notes, settings, kind="sweep")
     # another sweep of this name keeps its files
     name = evaluation.run_dir.name
     model = {key: evaluation.summary["model"][key] for key in ("name", "arch", "weights", "sha256")}
@@ -111,7 +107,7 @@ def run_sweep(
 
 
 def _judge(workspace: Workspace, captures: CaptureFolder, classifier: Classifier) -> tuple[list[Prediction], int]:
-    """Return predictions in the order of the captures, tags by their reader, and how many the network was asked for."""
+    """Return predictions in the order of the captures, tags by their reader, and how many the network made now."""
     classes = find_true_classes(captures, workspace, classifier)
     cache_file = workspace.eval_dir / "sweeps" / "predictions.jsonl"
     seen = [capture for capture in captures.captures if parse_tag(capture.variant) is None]
@@ -123,13 +119,13 @@ def _judge(workspace: Workspace, captures: CaptureFolder, classifier: Classifier
 
 
 def base_setup(workspace: Workspace, config: SweepConfig) -> ShootSetup:
-    """What a sweep keeps unless it is told otherwise: the workspace's plan, and the rig's settings with the seed."""
+    """Default settings of a sweep: the workspace's plan, and the rig's settings with the seed."""
     plan = open_plan(workspace, list(config.objects) or None)
     return ShootSetup(plan, ShootSettings(config.seed, renderer=config.renderer))
 
 
 def _check_classes(spec_files: Sequence[Path], classifier: Classifier) -> None:
-    """Find objects that the network has no class for before the work, not after it."""
+    """Find objects without a class of the network before the work."""
     for spec_file in spec_files:
         try:
             class_of_spec(spec_file, classifier)
@@ -141,7 +137,7 @@ def _check_classes(spec_files: Sequence[Path], classifier: Classifier) -> None:
 def _shoot_units(
     workspace: Workspace, units: Sequence[SweepPoint], variants: Sequence[str], captures_dir: Path, engine: Engine
 ) -> tuple[int, int, set[str], list[tuple[str, str]]]:
-    """Images shot and kept, paths of images there that are none of these units', and (what, reason) of those failed."""
+    """Numbers of shot and kept images, paths of images of other units, and (what, reason) of failed images."""
     stored = dict(_find_stored(workspace))
     shot = kept = 0
     stale: set[str] = set()
@@ -167,7 +163,7 @@ def _shoot_units(
 def _find_stored(workspace: Workspace) -> Iterator[tuple[str, StoredImage]]:
     sources = [workspace.captures_dir / "sim", *sorted(workspace.eval_dir.glob("sweeps/*/captures*/*"))]
     for source_dir in sources:
-        # only a store: what cannot be read there is shot again
+        # only a store: unreadable images are shot again
         with contextlib.suppress(ToolkitError, OSError):
             yield from index_images(source_dir).items()
 
@@ -175,7 +171,7 @@ def _find_stored(workspace: Workspace) -> Iterator[tuple[str, StoredImage]]:
 def _read_units(
     captures_dir: Path, units: Sequence[SweepPoint], variants: Sequence[str], stale: set[str]
 ) -> CaptureFolder:
-    """The images of these units alone, value by value, whatever else lies in the folder."""
+    """Read the images of these units alone, value by value."""
     folder = read_captures(captures_dir, Selection(tuple(dict.fromkeys(unit.label for unit in units)), (), ()))
     wanted = {(unit.label, unit.object) for unit in units}
     corruption = {unit.label: unit.setup.corruption for unit in units}

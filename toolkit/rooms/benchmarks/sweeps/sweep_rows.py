@@ -1,4 +1,4 @@
-"""What a sweep found: `sweep-MODEL.json`, `sweep-MODEL.csv`, the table on the console, and the figure."""
+"""Results of a sweep: `sweep-MODEL.json`, `sweep-MODEL.csv`, the table on the console, and the figure."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 PatchSize = tuple[float | None, float | None]
 """Printed side in mm, and that as a share of the object's longest side."""
 MARKERS = (("o", 8.0), ("s", 5.0), ("D", 4.5), ("^", 5.5), ("v", 5.5), ("P", 5.5))
-"""Shape and size: the first is the largest, so that it shows where another lies on it."""
+"""Shape and size: the first is the largest, so that it shows below others."""
 NEAR_POINTS = 2
 MAX_COLUMNS = 3
 DODGE, SPREAD = 0.22, 0.6
@@ -41,9 +41,7 @@ class Sweep:
     """A finished sweep.
 
     Attributes:
-        axis, settings, model: what was varied, what was kept, and which network spoke.
         points: every object at every value, even if it cannot be shot; a value's label is the source of its images.
-        variants: in order.
         findings: of all images.
     """
 
@@ -66,20 +64,20 @@ class Sweep:
 
     @cached_property
     def groups(self) -> list[Group]:
-        """As an evaluation has them, value by value."""
+        """Groups of the evaluation, value by value."""
         # stable: within a value the order stays the evaluation's
         return sorted(self.findings.groups, key=lambda group: list(self.values).index(group.source))
 
     @cached_property
     def pairs(self) -> list[Comparison]:
-        """As an evaluation has them, value by value."""
+        """Pairs of the evaluation, value by value."""
         return sorted(self.findings.pairs, key=lambda pair: list(self.values).index(pair.source))
 
     @cached_property
     def sizes(self) -> dict[tuple[str, str], PatchSize]:
-        """(label, object) -> size of its patch; pooled where all objects agree, nothing where there is no patch.
+        """(label, object) -> size of its patch; pooled if all objects agree.
 
-        Where a wrap's coverage is varied, the share is what its pieces reach of what cameras see; pooled their mean.
+        If a wrap's coverage is varied, the share is that of the visible surface under it; pooled their mean.
         """
         sizes: dict[tuple[str, str], PatchSize] = {}
         for point in self.points:
@@ -105,7 +103,7 @@ class Sweep:
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """A row of the files for each group: what `summary.json` has of it, its value and the size of its patch."""
+        """A row of the files for each group: as in `summary.json`, with its value and the size of its patch."""
         return [self._row(group) for group in self.groups]
 
     def _row(self, group: Group) -> dict[str, Any]:
@@ -125,34 +123,28 @@ class Sweep:
 
     @cached_property
     def note(self) -> str:
-        """Words on the variants that no network judges; empty where there are none."""
+        """Words on the variants without a network's answers, if any."""
         tags = [variant for variant in self.variants if parse_tag(variant) is not None]
         return f"; {', '.join(tags)}: read by OpenCV" if tags else ""
 
     @property
     def pair_rows(self) -> list[dict[str, Any]]:
-        """What `summary.json` has of each pair, and its value."""
+        """Pairs as in `summary.json`, with their values."""
         found = [pair.as_pair() for pair in self.pairs]
         return [{"value": self.values[row["source"]], "label": row.pop("source")} | row for row in found]
 
     def as_json(self) -> dict[str, Any]:
         """The content of `sweep-MODEL.json`."""
         return {
-            "schema_version": SCHEMA_VERSION,
-            "kind": "sweep",
-            "axis": self.axis.name,
-            "unit": self.axis.unit,
+            "schema_version": SCHEMA_VERSION, "kind": "sweep", "axis": self.axis.name, "unit": self.axis.unit,
             "model": self.model,
             "kept": {key: value for key, value in asdict(self.settings).items() if key != self.axis.name},
             "values": [{"value": value, "label": label} for label, value in self.values.items()],
             "objects": [{"object": name, "longest_mm": round(mm, 3)} for name, mm in self.objects.items()],
-            "variants": list(self.variants),
-            "rows": self.rows,
-            "pairs": self.pair_rows,
+            "variants": list(self.variants), "rows": self.rows, "pairs": self.pair_rows,
             "skipped": [{"label": label, "object": name, "reason": why} for label, name, why in self.skipped],
-            "failed": list_reasons(self.failed),
-            "toolkit_version": __version__,
-        }
+            "failed": list_reasons(self.failed), "toolkit_version": __version__,
+        }  # fmt: skip
 
 
 def write_sweep(folder: Path, name: str, sweep: Sweep) -> tuple[Path, Path]:
@@ -160,6 +152,7 @@ def write_sweep(folder: Path, name: str, sweep: Sweep) -> tuple[Path, Path]:
     heads = ("top1", "top5", "ci95_low", "ci95_high", "mean_true_prob", "patch_mm", "patch_share")
     tests = ("n_pairs", "gained", "lost", "mcnemar_p")
     who = ("label", "object", "variant")
+    # each row with the tests of its pair
     paired = {tuple(pair[key] for key in who): pair for pair in sweep.pair_rows}
     cells = []
     for row in sweep.rows:
@@ -177,16 +170,15 @@ def _agreed(values: Sequence[float | None]) -> float | None:
 
 
 def build_sweep_table(sweep: Sweep) -> "Table":
-    """A row per value and variant: n, top-1 and its interval, McNemar's p against bare.
+    """A row per value and variant: n, top-1 and its interval, McNemar's p against `unpatched`, top-1 of each object.
 
-    Then top-1 of each object, where the console has room.
-
-    A printed size is followed by its share of the longest side, where the objects agree on it; a coverage by what was
-    reached, where that is another.
+    The objects need room on the console. A printed size is followed by its share of the longest side, a coverage by
+    the share that was reached.
     """
     has_single_object = len(sweep.objects) == 1
     name = next(iter(sweep.objects)) if has_single_object else POOLED
     others = [] if has_single_object else list(sweep.objects)
+    # a row for each value and variant that was shot
     groups = {(group.source, group.object, group.variant): group for group in sweep.groups}
     pairs = {(pair.source, pair.object, pair.second): pair for pair in sweep.pairs}
     rows = []
@@ -204,18 +196,16 @@ def build_sweep_table(sweep: Sweep) -> "Table":
     texts, heads = [sweep.axis.name, "variant"], ["n", "top-1 %", "95 %", "top-5 %", "p"]
     columns = zip([*texts, *heads, *others], *rows, strict=True)
     if sum(max(map(len, column)) + 1 for column in columns) > console.width:
-        # a row that is cut off helps nobody: each object is in figure and CSV
+        # without the objects, which are in figure and CSV
         others, rows = [], [row[: len(texts) + len(heads)] for row in rows]
-    title = f"{sweep.axis.name}, {sweep.model['name']}, " + (
-        name if has_single_object else f"{len(sweep.objects)} objects"
-    )
-    title += sweep.note
+    shown = name if has_single_object else f"{len(sweep.objects)} objects"
+    title = f"{sweep.axis.name}, {sweep.model['name']}, {shown}{sweep.note}"
     return build_table(title, texts, [*heads, *others], rows)
 
 
 @with_default_style
 def draw_sweep(path: Path, sweep: Sweep) -> Path:
-    """Write the figure as PNG; an axis with a scale is drawn as lines and bands, one without as dots and bars."""
+    """Write the figure as PNG; an axis with a scale has lines and bands, other axes dots and bars."""
     names = [*sweep.objects] if len(sweep.objects) == 1 else [POOLED, *sweep.objects]
     columns = min(MAX_COLUMNS, len(names))
     rows = -(-len(names) // columns)
@@ -227,6 +217,7 @@ def draw_sweep(path: Path, sweep: Sweep) -> Path:
         panel.set_axis_off()
     for panel in panels[: len(names) : columns]:
         panel.set_ylabel("correct (%)")
+    # legend and axis title are those of all panels
     handles, labels = panels[0].get_legend_handles_labels()
     title = f"{name_network(sweep.model['name'])}: {CORRECT}, with 95 % Wilson interval{sweep.note}"
     figure.legend(
@@ -244,7 +235,7 @@ def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:
     for i, variant in enumerate(sweep.variants):
         groups = [own for own in sweep.groups if (own.object, own.variant) == (name, variant) and own.n]
         colour = colour_of((PATCHED, *sweep.variants), variant)  # in every sweep the patch has the same
-        # without a scale the variants stand side by side, or their bars would hide each other
+        # without a scale the variants stand side by side, so that their bars show
         shift = 0.0 if has_scale else min(DODGE, SPREAD / len(sweep.variants)) * (i - (len(sweep.variants) - 1) / 2)
         x = [places[group.source] + shift for group in groups]
         y = [100 * (group.top1 or 0.0) for group in groups]
@@ -268,7 +259,7 @@ def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:
     ticks = [_format_tick(sweep, name, label) for label in sweep.values]
     tilted = not has_scale and max(map(len, ticks)) > LONG_NAME and len(ticks) > MANY_TICKS
     panel.set_xticks(list(places.values()), ticks, rotation=30 if tilted else 0, ha="right" if tilted else "center")
-    # a logarithmic axis has ticks of its own at values that were not tried
+    # a logarithmic axis adds ticks at other values
     panel.minorticks_off()
     panel.tick_params(labelsize=9)
     panel.set_xlim(*_span(list(places.values()), sweep.axis))
@@ -278,7 +269,7 @@ def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:
 
 
 def _span(places: list[float], axis: Axis) -> tuple[float, float]:
-    """The same for every panel, also where points are missing."""
+    """Limits of every panel, also without all points."""
     low, high = min(places), max(places)
     if not axis.is_ordered:
         return low - 0.5, high + 0.5
@@ -292,7 +283,7 @@ def _span(places: list[float], axis: Axis) -> tuple[float, float]:
 
 
 def _format_tick(sweep: Sweep, name: str, label: str) -> str:
-    """`44` and below it the share of the object's longest side; `*` where objects are missing from the pooled point."""
+    """Value and the share of the object's longest side; `*` if objects are missing from the pooled point."""
     value = sweep.values[label]
     text = value if isinstance(value, str) else f"{value:.3g}" if isinstance(value, float) else str(value)
     missing = {skipped for own, skipped, _ in sweep.skipped if own == label}
@@ -303,7 +294,7 @@ def _format_tick(sweep: Sweep, name: str, label: str) -> str:
 
 
 def _find_share(sweep: Sweep, name: str, label: str) -> float | None:
-    """Share of the longest side that a size is; share that a wrap covers, where it is not what was asked for."""
+    """Share of a size in the longest side; share that a wrap covers, if that differs from the value."""
     share, asked = sweep.sizes.get((label, name), (None, None))[1], sweep.values[label]
     if sweep.axis.name == "coverage" and share is not None and isinstance(asked, float | int):
         return share if abs(100 * share - asked) > NEAR_POINTS else None

@@ -1,6 +1,6 @@
-"""Do boosters work on networks that they were not trained on: train on all but one network, and test on that network.
+"""Transfer of boosters to other networks: train on all networks but one, and test on the left-out network.
 
-The settings are declared here once, for the command line and for Python; nothing heavy is loaded for them.
+Here are its settings, for the command line and for Python; nothing heavy is loaded for them.
 """
 
 from typing import Annotated, Any, Literal
@@ -22,7 +22,7 @@ OF_TRAINING = (
 
 
 class TransferConfig(Config):
-    """One experiment; see `leave_one_out`. Boosters are trained by the default recipes, changed as is said here."""
+    """An experiment; see `leave_one_out`. Boosters are trained by the default recipes with these changes."""
 
     objects: Annotated[tuple[str, ...], Flag("--object", metavar="NAME")] = Field(
         (), description="Object to train for; repeat for more. Default: all that are known."
@@ -50,7 +50,7 @@ class TransferConfig(Config):
         None, description="How the networks are joined, as in train-patch."
     )
     objective: Annotated[Literal["cross-entropy", "logit"] | None, Flag(group=TRANSFER)] = Field(
-        None, description="What training raises, as in train-patch."
+        None, description="Objective of training, as in train-patch."
     )
     jitter: Annotated[Jitter | None, Flag("--view-jitter", group=TRANSFER)] = Field(
         None, description="As in train-patch."
@@ -70,7 +70,7 @@ class TransferConfig(Config):
     corrupted: MeetsCorruptions = Field(None, description=CORRUPTED_HELP)
 
     def overrides(self, kind: Kind) -> dict[str, Any]:
-        """Settings of training that are not the recipe's."""
+        """Settings of training that differ from the recipe's."""
         names = (*OF_TRAINING, "max_change") if kind == "texture" else OF_TRAINING
         chosen = {name: getattr(self, name) for name in names}
         return {name: value for name, value in chosen.items() if value is not None} | {"seed": self.seed}

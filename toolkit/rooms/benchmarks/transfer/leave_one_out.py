@@ -1,7 +1,7 @@
 """Train boosters on all networks but one, shoot the plan, and test the left-out network; then the next.
 
-Every step is kept and taken up again: training by its checkpoints, captures by their manifest, answers by the hash of
-what was judged. So the command may be stopped at any time, and several may run at once, each with its own `left_out`.
+Every step resumes: training by its checkpoints, captures by their manifest, answers by the hash of their inputs. So the
+command may be stopped at any time, and several may run at once, with different `left_out`.
 """
 
 import re
@@ -48,19 +48,16 @@ Judge = Classifier | DetectorNetwork
 
 
 class JudgedRow(BaseModel):
-    """Answers of a network to an object with a booster, pooled rows among them.
+    """Answers of a network, the judge, to an object, or `all`, with a booster.
 
     Attributes:
         left_out: the network that the boosters were not trained on, or `classifiers` or `detectors`.
-        trained_on: the others.
-        judge, judge_sha256: which network spoke, and the hash of its weights.
-        seen: whether the boosters were trained on it.
+        seen: whether the boosters were trained on the judge.
         source: `sim`, or `sim-fog-3` and the like for corrupted captures.
-        object: or `all`.
         kind: patch or texture.
-        n, bare, boosted: poses seen both ways, and how many of them are right bare and in the booster; of a detector
-            those in which it finds the object: a box of its class that overlaps by half.
-        gained, lost, mcnemar_p: of the pairs.
+        n: number of poses shown both ways.
+        bare: number of correct answers without the booster, and `boosted` with it. A detector is correct if a box of
+            the object's class overlaps it by half.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -81,12 +78,11 @@ class JudgedRow(BaseModel):
 
 
 class JudgedCell(BaseModel):
-    """Answers of a network to the boosters that were trained without a network.
+    """Answers of a network to the boosters that were trained without a network, by source, object and kind.
 
     Attributes:
-        key: hash of all that it depends on.
+        key: hash of all inputs.
         settings_sha256: key of the settings, poses, objects and networks of the run; empty in older files.
-        rows: by source, object and kind.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -120,15 +116,12 @@ def write_matrix(folder: Path, rows: Sequence[JudgedRow], about: dict[str, Any])
 
 
 def tabulate(rows: Sequence[JudgedRow], seen: bool) -> list[tuple[str, ...]]:
-    """Cells of a table: on networks that were left out, each object; on those that were not, the pooled rows."""
+    """Cells of a table: each object for left-out networks, pooled rows for the others."""
     cells: list[tuple[str, ...]] = []
     several = len({row.object for row in rows} - {POOLED}) > 1
     for row in rows:
-        if (
-            row.seen is not seen
-            or (row.object == POOLED and not several)
-            or (seen and several != (row.object == POOLED))
-        ):
+        is_pooled = row.object == POOLED
+        if row.seen is not seen or (is_pooled and not several) or (seen and several != is_pooled):
             continue
         low_high = format_interval(wilson_interval(row.boosted, row.n))
         cells.append((
@@ -144,18 +137,12 @@ HEADS = ("left out", "judged by", "booster", "source", "object", "bare", "booste
 def _as_markdown(rows: Sequence[JudgedRow], seen: bool) -> list[str]:
     title = "Judged by the networks that it was trained on" if seen else "Judged by the network that was left out"
     table = [HEADS, ("---",) * len(HEADS), *tabulate(rows, seen)]
-    lines = [" | ".join(cells) for cells in table]
-    return [f"{title}:", "", *(f"| {line} |" for line in lines)]
+    return [f"{title}:", "", *(f"| {' | '.join(cells)} |" for cells in table)]
 
 
 @dataclass(frozen=True)
 class TransferResult:
-    """What an experiment made.
-
-    Attributes:
-        rows: of every network that was left out in this run or an earlier run of the same settings.
-        json_file, markdown_file: where they are.
-    """
+    """Rows of every network that this run, or an earlier run of the same settings, left out, and their files."""
 
     rows: tuple[JudgedRow, ...]
     json_file: Path
@@ -165,19 +152,18 @@ class TransferResult:
 def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequence[Judge]) -> TransferResult:
     """Train without each network in turn, and let all of them judge.
 
-    What is made without the network NAME lies in `eval/transfer/RUN/without-NAME`, a workspace of its own; the matrix
-    in `eval/transfer/RUN/matrix.json` and `.md`. A run of other settings writes to `RUN-2`. Nothing is trained on
-    classifiers and detectors at once: where there are both, all detectors are left out, then all classifiers, and each
-    kind judges what was trained on the other.
+    Boosters without the network NAME lie in a workspace `eval/transfer/RUN/without-NAME`, the matrix in
+    `eval/transfer/RUN/matrix.json` and `.md`. A run of other settings writes to `RUN-2`. With both classifiers and
+    detectors, each kind is left out as a whole, and judges boosters of the other kind.
 
     Args:
-        workspace: whose objects and plan are meant, and whose `eval/` is written to.
-        config: what is trained and judged.
+        workspace: has objects and plan, and gets the results.
+        config: settings of training and judging.
         networks: at least two, of different names.
 
     Raises:
-        ToolkitError: too few networks, one that cannot be trained against, an unknown object or network, or what
-            training, shooting and judging raise.
+        ToolkitError: too few networks, a network that cannot train, an unknown object or network, or an error of
+            training, shooting or judging.
     """
     # two networks of the same name would share a folder
     names = [network.name for network in networks]
@@ -189,6 +175,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     for name in config.left_out:
         if name not in trained_on:
             raise one_of("network", name, list(trained_on))
+    # objects and poses are the same without each network
     objects = list(config.objects) or names_with_mesh(workspace)
     plan = open_plan(workspace, objects)
     shown = _describe_objects(workspace, plan, objects)
@@ -198,6 +185,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
         for left_out, others in trained_on.items()
         for judge in networks
     }
+    # a run of the same settings resumes in its folder
     wanted = workspace.eval_dir / "transfer" / config.run
     folder = find_run_dir(wanted, lambda folder: _lacks_other_cells(folder, cells))
     for note in explain_run_dir(wanted, folder):
@@ -205,9 +193,10 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     for left_out in config.left_out or trained_on:
         notice(f"without {left_out}")
         others = trained_on[left_out]
-        # a workspace of its own: its boosters are called as those that were trained without another network
+        # a separate workspace: boosters have the same names without another network
         space = copy_objects(workspace, folder / f"without-{name_folder(left_out)}")
         write_plan(space.plan_file, plan)
+        # train, shoot, and let every network judge
         for name in objects:
             for kind in config.kinds:
                 _train(space, kind, name, others, config)
@@ -226,7 +215,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
 
 
 def group_networks(networks: Sequence[Judge]) -> dict[str, list[Judge]]:
-    """The networks that train, by what is left out: each network alone, but all of a kind where there are both."""
+    """Networks that train, by the left-out network, or kind if there are both."""
     detectors = [network for network in networks if isinstance(network, DetectorNetwork)]
     classifiers = [network for network in networks if not isinstance(network, DetectorNetwork)]
     if detectors and classifiers:
@@ -235,7 +224,7 @@ def group_networks(networks: Sequence[Judge]) -> dict[str, list[Judge]]:
 
 
 def _train(space: Workspace, kind: Kind, name: str, networks: list[Judge], config: TransferConfig) -> None:
-    """Take training up, or pass over what is finished."""
+    """Train or resume a booster, unless it is finished."""
     if kind == "texture":
         settings = texture_config.make_config("default", {**config.overrides(kind), "objects": (name,)})
         train_texture(settings, networks, space)
@@ -244,7 +233,7 @@ def _train(space: Workspace, kind: Kind, name: str, networks: list[Judge], confi
 
 
 def _shoot(space: Workspace, plan: CapturePlan, objects: Sequence[str], config: TransferConfig, folder: Path) -> None:
-    """The plan, once; the bare objects that were shot without another network are copied."""
+    """Shoot the plan; pictures without boosters are copied from other left-out networks."""
     stored: dict[str, StoredImage] = {}
     for other in sorted(folder.glob(f"without-*/captures/{SOURCE}")):
         stored |= index_images(other)
@@ -263,11 +252,10 @@ def _describe_objects(workspace: Workspace, plan: CapturePlan, objects: Sequence
 
 
 def _hash_settings(config: TransferConfig, judge: Judge, others: Sequence[Judge], shown: list[Any]) -> str:
-    """Key of what a cell's rows rest on, so that rows of an earlier run count only if they rest on the same."""
+    """Key of the inputs of a cell's rows, so that rows of an earlier run count only for the same inputs."""
     settings = {name: value for name, value in config.record().items() if name not in ("run", "left_out")}
-    networks = [
-        (network.name, network.weights.sha256, network.preprocessing.describe()) for network in (judge, *others)
-    ]
+    every = (judge, *others)
+    networks = [(network.name, network.weights.sha256, network.preprocessing.describe()) for network in every]
     return Work("transfer settings", JUDGED.version, old_at=NOWHERE).key(settings, networks, shown)
 
 
@@ -275,7 +263,7 @@ def _judge(
     space: Workspace, judge: Judge, left_out: str, others: Sequence[Judge], config: TransferConfig,
     settings_sha256: str,
 ) -> None:  # fmt: skip
-    """Ask a network, unless it was asked of the same captures before."""
+    """Ask a network, unless it answered the same captures before."""
     captures = space.captures_dir / SOURCE
     seen = [network.name for network in others]
     # the manifest's hash stands for all images: it holds theirs
@@ -299,7 +287,7 @@ def _judge(
 
 
 def name_folder(network: str) -> str:
-    """A network's name as a folder may be called: `timm-tf_efficientnet_lite0`."""
+    """Turn a network's name into a folder's, such as `timm-tf_efficientnet_lite0`."""
     return re.sub(r"[^A-Za-z0-9._-]+", "-", network).strip("-.")
 
 

@@ -1,11 +1,8 @@
-"""Whether a photograph is fit to be compared: measured numbers, thresholds with their reasons, and advice.
-
-Here is what a gate says: a number, its threshold, and what to do when it is on the wrong side.
-"""
+"""Gates of a photograph: a measured number, its threshold with its reason, and advice if it fails."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -17,16 +14,14 @@ Status = Literal["passed", "failed", "not checked"]
 
 @dataclass(frozen=True)
 class GateResult:
-    """A gate's word on a photograph.
+    """A gate's result for a photograph.
 
     Attributes:
-        name: of the gate.
-        value: what was measured; None where it could not be.
-        threshold: the largest good value, or the smallest where `at_most` is False.
+        value: what was measured; None if nothing could be.
+        threshold: the largest good value, or the smallest if `at_most` is False.
         unit: of both.
         status: passed, failed, or not checked; the last is never a pass.
-        advice: what to do, one line; for `not checked`, why; empty for a pass.
-        at_most: whether smaller is better.
+        advice: a line of what to do; for `not checked`, why; empty for a pass.
     """
 
     name: str
@@ -48,30 +43,21 @@ class GateResult:
         return self.status == "failed"
 
     def describe(self) -> str:
-        """One line for a person."""
+        """A line for a person."""
         if self.value is None:
             return f"{self.name}: {self.advice}"
         limit = f"{'at most' if self.at_most else 'at least'} {self.threshold:g} {self.unit}"
         line = f"{self.name}: {self.value:.3g} {self.unit} ({limit}), {self.status}"
         return f"{line}: {self.advice}" if self.advice else line
 
-    def to_json(self) -> dict[str, Any]:
-        """The same for scripts and for `gates.jsonl`."""
-        return asdict(self)
-
 
 Check = Callable[[Photo, np.ndarray, CaptureRecord], Sequence[GateResult]]
-"""(photo, its pixels (h, w, 3) uint8, its record) -> what the gates say."""
+"""(photo, its pixels (h, w, 3) uint8, its record) -> the results of the gates."""
 
 
 @dataclass(frozen=True)
 class Gate:
-    """What is measured and how much of it is good.
-
-    Attributes:
-        name, threshold, unit, at_most: as in `GateResult`.
-        advice: for a photograph that fails.
-    """
+    """A measure and its threshold, with fields as in `GateResult`, and advice for a photograph that fails."""
 
     name: str
     threshold: float
@@ -80,15 +66,13 @@ class Gate:
     at_most: bool = True
 
     def judge(self, value: float, advice: str | None = None) -> GateResult:
-        """Compare a measured value with the threshold; `advice` says more than the gate's own where it is given."""
+        """Compare a measured value with the threshold; `advice` takes the place of the gate's own."""
         good = value <= self.threshold if self.at_most else value >= self.threshold
-        status: Status = "passed" if good else "failed"
-        words = "" if good else advice or self.advice
-        return GateResult(
-            self.name, float(value), self.threshold, self.unit, status, advice=words, at_most=self.at_most
-        )
+        return self._make(float(value), "passed" if good else "failed", "" if good else advice or self.advice)
 
     def skip(self, why: str) -> GateResult:
-        """The gate could not be checked; `why` in a few words, such as "no pose"."""
-        words = f"not checked: {why}"
-        return GateResult(self.name, None, self.threshold, self.unit, "not checked", advice=words, at_most=self.at_most)
+        """Return that the gate could not be checked; `why` in a few words, such as "no pose"."""
+        return self._make(None, "not checked", f"not checked: {why}")
+
+    def _make(self, value: float | None, status: Status, advice: str) -> GateResult:
+        return GateResult(self.name, value, self.threshold, self.unit, status, advice, at_most=self.at_most)

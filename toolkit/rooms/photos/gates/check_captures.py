@@ -1,8 +1,10 @@
 """The gates over a capture folder: photograph by photograph, then over the whole set; what to retake."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from toolkit.core.files import delete_file, sha256_file, write_text
 from toolkit.core.records import RecordLog, hold_folder
 from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation.summaries import list_reasons
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import RECORD_FILE
@@ -33,11 +36,11 @@ from toolkit.rooms.photos.photo import Photo, load_pixels, read_photo
 from toolkit.rooms.photos.shot_order import ShotStep, read_shots
 
 GATES = Work("gates", 4)
-"""Photographs that another version of the measures judged are judged again."""
 
 
 def hash_setup(workspace: Workspace) -> str:
-    """Key of all but the image that a photograph's results follow from: the rig, patches, objects."""
+    """Key of the inputs of a photograph's results but the image: the rig, patches, objects."""
+    # files of the rig and of the boosters, by content
     rig = (board_file(workspace), workspace.root / "rig" / "lens.json", workspace.plan_file)
     wraps = {f"wrap {name}": folder / RECORD_FILE for name, folder in workspace.wraps().items()}
     boosters = sorted({**workspace.patches(), **wraps}.items())
@@ -51,15 +54,7 @@ def hash_setup(workspace: Workspace) -> str:
 
 
 class CheckLine(BaseModel):
-    """One line of `gates.jsonl`: what the gates said of an image.
-
-    Attributes:
-        setup: from `hash_setup`.
-        path: of the image below captures/SOURCE.
-        image_sha256: of the image that was judged.
-        results: of its gates.
-        lines: where its patch was seen; None where it was not.
-    """
+    """A line of `gates.jsonl`: results of an image by its path below captures/SOURCE, for a set-up (`hash_setup`)."""
 
     model_config = ConfigDict(frozen=True)
     setup: str
@@ -70,19 +65,20 @@ class CheckLine(BaseModel):
 
 
 def open_gates_log(source_dir: Path) -> RecordLog[CheckLine]:
-    """The log of what was judged; a photograph whose line is broken is judged again."""
+    """Open the log of results; a photograph whose line is broken is judged again."""
     return RecordLog(Path(source_dir) / GATES_FILE, CheckLine, required=False)
 
 
 def append_check(source_dir: Path, path: str, image_sha256: str, check: PhotoCheck, setup: str) -> None:
-    """Append one photograph's results, see `CheckLine`; raises as `RecordLog.append`."""
+    """Append a photograph's results, see `CheckLine`; raises as `RecordLog.append`."""
     lines = LinesRecord.from_lines(check.lines) if check.lines is not None else None
-    line = CheckLine(setup=setup, path=path, image_sha256=image_sha256, results=check.results, lines=lines)
-    open_gates_log(source_dir).append(line)
+    open_gates_log(source_dir).append(
+        CheckLine(setup=setup, path=path, image_sha256=image_sha256, results=check.results, lines=lines)
+    )
 
 
 def read_checks(source_dir: Path, setup: str) -> dict[tuple[str, str], PhotoCheck]:
-    """Results by (path, image's hash), the last of each, of those that were judged with the same setup."""
+    """Results of the same set-up by (path, image's hash), the last of each."""
     return {
         (line.path, line.image_sha256): PhotoCheck(line.results, line.lines.to_lines() if line.lines else None)
         for line in open_gates_log(source_dir).read()
@@ -91,10 +87,7 @@ def read_checks(source_dir: Path, setup: str) -> dict[tuple[str, str], PhotoChec
 
 
 def mark_failed_gates(folder: CaptureFolder) -> CaptureFolder:
-    """The captures, each with the gates that its photograph failed, as `gates.jsonl` of its source has them.
-
-    A line counts only for the very file that was judged; of several the last.
-    """
+    """Return the captures with the gates that each failed, by the last line of `gates.jsonl` on the very same file."""
     logs: dict[Path, dict[str, CheckLine]] = {}
     captures: list[Capture] = []
     for capture in folder.captures:
@@ -103,10 +96,8 @@ def mark_failed_gates(folder: CaptureFolder) -> CaptureFolder:
             logs[source_dir] = {f"{line.path} {line.image_sha256}": line for line in open_gates_log(source_dir).read()}
         line = logs[source_dir].get(f"{capture.path_in_source} {capture.image_sha256}")
         if line is not None:
-            failed = [gate for gate in line.results if gate.failed]
-            capture = replace(
-                capture, failed_gates=tuple(f"{gate.name} {gate.value:.3g} {gate.unit}" for gate in failed)
-            )
+            failed = (f"{gate.name} {gate.value:.3g} {gate.unit}" for gate in line.results if gate.failed)
+            capture = replace(capture, failed_gates=tuple(failed))
         captures.append(capture)
     return replace(folder, captures=tuple(captures))
 
@@ -120,10 +111,9 @@ class Retake:
     """A photograph to take, or to take again.
 
     Attributes:
-        object, variant, pose_id: what it should show.
         why: the gates that it failed, with their numbers.
-        advice: what to do, one line per gate.
-        path: of the photograph that is there, relative to its source; empty where there is none.
+        advice: what to do, a line per gate.
+        path: of the photograph that is there, relative to its source; empty if there is none.
     """
 
     object: str
@@ -135,33 +125,29 @@ class Retake:
 
     @property
     def label(self) -> str:
-        """What to take, in words."""
+        """Words for the photograph to take."""
         pose = f"pose {self.pose_id}" if self.pose_id is not None else self.path or "all"
         return f"{self.object}/{self.variant} {pose}"
 
     def describe(self) -> str:
-        """One line for a person: what to take, why, and what to do better."""
+        """A line for a person: what to take, why, and what to do better."""
         return f"{self.label}: {'; '.join(self.why)} -> {'; '.join(self.advice)}"
-
-    def to_json(self) -> dict[str, Any]:
-        """The same for scripts."""
-        return asdict(self)
 
 
 def retake_list(
     photos: Sequence[CheckedPhoto], findings: Sequence[CheckedPhoto] | None = None, walk: Sequence[ShotStep] = ()
 ) -> list[Retake]:
-    """Everything that failed a gate or is missing, one row per photograph, in the order of the walk.
+    """List the photographs that failed a gate or are missing, in the order of the walk.
 
-    Of a variant that has no photograph yet nothing is missing but the partners of others.
+    A variant without any photograph lacks only the partners of others.
 
     Args:
-        photos: with the results of their own gates.
-        findings: from `check_set` of the same photographs; made here where they are not given.
-        walk: every shot that there should be, see `read_walk`; what is not in it comes last, by object, variant and
-            pose.
+        photos: with the results of their gates.
+        findings: from `check_set` of the same photographs; made here by default.
+        walk: every shot that there should be, see `read_walk`; other photographs come last.
     """
     findings = check_set(photos) if findings is None else findings
+    # failed gates of single photographs and of the set
     failed: dict[tuple[str, str, int | None, str], list[GateResult]] = {}
     for checked in (*photos, *findings):
         if bad := [result for result in checked.results if result.failed]:
@@ -175,31 +161,27 @@ def retake_list(
     for shot in places:
         if shot[:2] in begun and shot not in known:
             failed[shot[0], shot[1], shot[2], ""] = [MISSING.judge(1)]
+    # in the order of the walk, then by object, variant and pose
     last = len(places) + 1
     ordered = sorted(
         failed.items(), key=lambda item: (places.get(item[0][:3], last), *item[0][:2], item[0][2] or 0, item[0][3])
     )
     return [
-        Retake(
-            name, variant, pose_id, tuple(_measured(result, variant) for result in bad),
-            tuple(result.advice for result in bad), path=path,
-        )
-        for (name, variant, pose_id, path), bad in ordered
-    ]  # fmt: skip
+        Retake(*key[:3], tuple(_measured(result, key[1]) for result in bad), tuple(r.advice for r in bad), path=key[3])
+        for key, bad in ordered
+    ]
 
 
 def count_unchecked(photos: Sequence[CheckedPhoto], findings: Sequence[CheckedPhoto]) -> dict[tuple[str, str], int]:
-    """How often each gate could not be checked, by (gate, reason), the most frequent first."""
-    counts: dict[tuple[str, str], int] = {}
-    for result in (result for checked in (*photos, *findings) for result in checked.results):
-        if result.status == "not checked":
-            key = (result.name, result.advice.removeprefix("not checked: "))
-            counts[key] = counts.get(key, 0) + 1
+    """Count how often each gate could not be checked, by (gate, reason), the most frequent first."""
+    every = (result for checked in (*photos, *findings) for result in checked.results)
+    skipped = (result for result in every if result.status == "not checked")
+    counts = Counter((result.name, result.advice.removeprefix("not checked: ")) for result in skipped)
     return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
 
 
 def write_retake_list(source_dir: Path, rows: Sequence[Retake]) -> Path | None:
-    """Write `retake.txt` into captures/SOURCE, one line per photograph; with nothing to retake, the old file goes."""
+    """Write `retake.txt` into captures/SOURCE, a line per photograph; with nothing to retake, delete the old file."""
     file = Path(source_dir) / RETAKE_FILE
     if not rows:
         delete_file(file)
@@ -220,30 +202,25 @@ def read_walk(workspace: Workspace) -> list[ShotStep]:
         plan = read_plan(workspace.plan_file)
         with suppress(ToolkitError):
             return read_shots(workspace.root / "rig" / "shots.json", plan).steps
-        shots = [
-            (name, variant, pose.id)
-            for name in sorted(plan.objects)
-            for variant in sorted(PAIR)
-            for pose in plan.objects[name]
-        ]
-        return [ShotStep(number, *shot) for number, shot in enumerate(shots, 1)]
+        shots = product(sorted(plan.objects), sorted(PAIR))
+        every = [(name, variant, pose.id) for name, variant in shots for pose in plan.objects[name]]
+        return [ShotStep(number, *shot) for number, shot in enumerate(every, 1)]
     return []
 
 
 def list_recorded(workspace: Workspace, source_dir: Path, records: Sequence[CaptureRecord]) -> "CheckReport":
-    """Write `retake.txt` from what is known of imported photographs already, without reading the photographs again."""
+    """Write `retake.txt` from the known results of imported photographs, without reading the photographs again."""
     known = read_checks(source_dir, hash_setup(workspace))
     photos = []
     for record in records:
         found = known.get((record.path, record.image_sha256 or "")) or PhotoCheck(_read_recorded(record), None)
-        photos.append(
-            CheckedPhoto(record.object, record.variant, record.pose_id, found.results, found.lines, path=record.path)
-        )
+        shown = (record.object, record.variant, record.pose_id)
+        photos.append(CheckedPhoto(*shown, found.results, found.lines, path=record.path))
     return summarise(source_dir, photos, (), printed_sides(workspace, photos), read_walk(workspace))
 
 
 def _read_recorded(record: CaptureRecord) -> tuple[GateResult, ...]:
-    """What a photograph failed when it was kept."""
+    """Gates that a photograph failed when it was kept."""
     advice, gates = record.made.get("retake"), record.made.get("gates")
     values = gates if isinstance(gates, dict) else {}
     failed = [str(line).partition(": ") for line in advice] if isinstance(advice, list) else []
@@ -252,13 +229,10 @@ def _read_recorded(record: CaptureRecord) -> tuple[GateResult, ...]:
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What the gates say of a source.
+    """Results of a source: photo by photo and over the whole set, what to retake, and what could not be checked.
 
     Attributes:
-        photos: with their own results.
-        findings: over the whole set.
-        retakes: what should be photographed again, and why.
-        unchecked: (gate, reason, how many photographs) of what could not be checked.
+        unchecked: (gate, reason, number of photographs).
         unreadable: (path, reason) of images that do not decode.
     """
 
@@ -269,31 +243,22 @@ class CheckReport:
     unreadable: tuple[tuple[str, str], ...]
 
     def to_json(self) -> dict[str, Any]:
-        """The same for scripts; every gate of every photograph."""
+        """Every gate of every photograph, for scripts."""
+
+        def name(photo: CheckedPhoto) -> dict[str, Any]:
+            return {key: getattr(photo, key) for key in ("path", "object", "variant", "pose_id")}
+
         return {
-            "photos": [
-                {
-                    "path": photo.path, "object": photo.object, "variant": photo.variant, "pose_id": photo.pose_id,
-                    "gates": [result.to_json() for result in photo.results],
-                }
-                for photo in self.photos
-            ],
-            "set": [
-                {
-                    "path": finding.path, "object": finding.object, "variant": finding.variant,
-                    "pose_id": finding.pose_id,
-                    "gate": finding.results[0].to_json(),
-                }
-                for finding in self.findings
-            ],
-            "retakes": [row.to_json() for row in self.retakes],
+            "photos": [name(photo) | {"gates": [asdict(result) for result in photo.results]} for photo in self.photos],
+            "set": [name(finding) | {"gate": asdict(finding.results[0])} for finding in self.findings],
+            "retakes": [asdict(row) for row in self.retakes],
             "not_checked": [{"gate": gate, "reason": why, "photos": n} for gate, why, n in self.unchecked],
-            "unreadable": [{"path": path, "reason": why} for path, why in self.unreadable],
-        }  # fmt: skip
+            "unreadable": list_reasons(self.unreadable),
+        }
 
 
 def make_check(workspace: Workspace, source: str = "real") -> Check:
-    """The gates as `import_photos` takes them: each photograph is judged, and the result kept in `gates.jsonl`."""
+    """Return a function for `import_photos` that judges a photograph and keeps the result in `gates.jsonl`."""
     expecter = ExpectationBuilder(workspace)
     source_dir, setup = workspace.source_dir(source), hash_setup(workspace)
 
@@ -308,8 +273,7 @@ def make_check(workspace: Workspace, source: str = "real") -> Check:
 def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
     """Judge every photograph of a source that was not judged before, then all together, and write `retake.txt`.
 
-    Photographs that somebody sorted into the folders by hand are judged too: their cameras are found from the board. A
-    run that is stopped goes on where it was.
+    The board gives the cameras of photographs that were sorted by hand. Interrupted runs resume.
 
     Raises:
         ToolkitError: there are no captures, or a manifest, board or lens file is broken.
@@ -317,12 +281,13 @@ def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
     source_dir = workspace.source_dir(source)
     if not source_dir.is_dir():
         raise ToolkitError(f"{source_dir} does not exist: import photographs first, with 'toolkit import PHOTOS/'")
+    # two checks, or a check and an import, never write at once
     with hold_folder(source_dir):
         return _check_captures(workspace, source_dir)
 
 
 def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
-    # photographs beside those of the manifest are judged too: what counts is for the evaluation to say
+    # also photographs beside those of the manifest: the evaluation decides what counts
     captures = read_captures(source_dir, trust_files=True).captures
     setup = hash_setup(workspace)
     records, known = read_manifest(source_dir), read_checks(source_dir, setup)
@@ -361,7 +326,7 @@ def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
 
 
 def printed_sides(workspace: Workspace, photos: Sequence[CheckedPhoto]) -> dict[tuple[str, str], tuple[float, ...]]:
-    """The side in mm that each patch should have been printed with, sheet by sheet, by object and variant."""
+    """Return the side in mm that each patch should have, sheet by sheet, by object and variant."""
     sides = {}
     for name, variant in {(photo.object, photo.variant) for photo in photos if photo.lines is not None}:
         with suppress(ToolkitError):  # an object or a patch that the workspace does not know: nothing to compare with

@@ -1,6 +1,7 @@
-"""All gates of a photograph, and what it should show: from the workspace's objects, patches and board."""
+"""All gates of a photograph, and what it should show by the workspace's objects, patches and board."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -56,30 +57,25 @@ from toolkit.rooms.photos.gates.pieces import ExpectedWrap, PiecesSeen, check_pi
 from toolkit.rooms.photos.lens import scale_lens
 from toolkit.rooms.photos.posed_camera import PosedCamera
 from toolkit.rooms.photos.prints.features import describe_patch
-from toolkit.rooms.photos.prints.find import PatchSighting
 
 WORK_SIDE_PX = 1440
-"""Longer side of the picture that is judged; larger ones are shrunk. What the gates ask is still seen at that size, a
-photograph of 12 megapixels is judged in a second, and none takes longer for being larger."""
+"""Longer side of the picture that is judged; larger pictures are shrunk. The gates still see all they need, and a
+photograph of 12 megapixels takes a second."""
 LEAST_REGION_PX = 400
 NO_MARKS = "a grey patch has no marks by which it could be found"
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """What a photograph should show, and what is known of its camera.
+    """Object, variant and pose that a photograph should show, and its camera; None for what is not known.
 
     Attributes:
-        object, variant: what stands there and what is on it.
-        pose_id: of the plan, None where it is not known.
-        view: its camera; None where it is not known.
-        no_pose: why there is no view, in a few words.
-        board: that the object stands on; None without a board.
-        solid: the object with what is on it, in its place; None where its mesh is not known.
-        patch: which patch belongs on it and which could be confused; None where nothing is known of patches.
-        no_patch: why not.
-        wrap: the object's wrap, whether it belongs there or may have been left on; None where it has none.
-        known: the objects that it could be mistaken for; None where that is not asked.
+        view: its camera, and `no_pose` why it is unknown.
+        board: that the object stands on.
+        solid: the object with its boosters, in its place.
+        patch: the patch that belongs on it and those it could be confused with, and `no_patch` why they are unknown.
+        wrap: the object's wrap, whether it belongs there or may have been left on.
+        known: the objects that it could be mistaken for.
     """
 
     object: str
@@ -97,22 +93,22 @@ class Expectation:
 
 @dataclass(frozen=True)
 class PhotoCheck:
-    """What the gates say of a photograph, and where its patch was seen, for `check_set`."""
+    """Results of a photograph's gates, and lines of sight to its patch, for `check_set`."""
 
     results: tuple[GateResult, ...]
     lines: PatchLines | None
 
 
 def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSighting | None = None) -> PhotoCheck:
-    """Judge one photograph by every gate, each once and in the same order.
+    """Judge a photograph by every gate, each once and in the same order.
 
-    A gate whose input is not known is `not checked`, and so is a gate that would only repeat another: in a
-    photograph that is too blurred to find a patch in, the patch is not called missing.
+    A gate whose input is not known is `not checked`. So is a gate that would repeat another: a blurred photograph does
+    not lack its patch as well.
 
     Args:
         image: (h, w, 3) uint8 sRGB, upright.
         expectation: what it should show.
-        sighting: of the expectation's board in this image, where it was found before.
+        sighting: of its board in this image, if it was found before.
 
     Raises:
         ToolkitError: the view's lens is of pictures of another shape.
@@ -130,11 +126,16 @@ def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSi
         check_under_exposure(measure_paper(small, sighting) if sighting else None, pixels),
     ]
     framing = _check_framing(expectation, sighting)
-    why_blind = _why_blind(light, framing)
+    # a failed gate explains that no patch is found; but a patch can be found outside the middle square
+    reasons = [result.name for result in (*light, *framing) if result.failed and result.name != OFF_CENTRE.name]
+    why_blind = f"no patch is found, but the photograph fails by {' and '.join(reasons)}" if reasons else None
     patch, seen = _check_patch(small, silhouette, expectation, why_blind)
     found = [sheet for sheet in seen.own if sheet is not None] if seen else []
-    if silhouette is None and found:  # the sheet is what is known of the object's place
-        light[1] = check_over_exposure(small[_draw_sheets(small, found)])
+    if silhouette is None and found:  # the sheet is all that is known of the object's place
+        mask = np.zeros(small.shape[:2], np.uint8)
+        for sheet in found:
+            cv2.fillConvexPoly(mask, sheet.corners_px.round().astype(np.int32), 1)
+        light[1] = check_over_exposure(small[mask > 0])
     lines = trace_patch(seen.own, expectation.view) if seen and expectation.view else None
     known = expectation.known
     shown = OBJECT.skip("there are no renders") if known is None else known.check(small, expectation.object)
@@ -144,7 +145,7 @@ def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSi
 def _shrink_all(
     image: np.ndarray, expectation: Expectation, sighting: BoardSighting | None
 ) -> tuple[np.ndarray, Expectation, BoardSighting | None]:  # fmt: skip
-    """Image, view and sighting at the size that is judged."""
+    """Return image, view and sighting at the size that is judged."""
     share = min(1.0, WORK_SIDE_PX / max(image.shape[:2]))
     w, h = max(1, round(image.shape[1] * share)), max(1, round(image.shape[0] * share))
     small = cv2.resize(image, (w, h), interpolation=cv2.INTER_AREA) if share < 1 else image
@@ -158,7 +159,7 @@ def _shrink_all(
 
 
 def _find_object(image: np.ndarray, expectation: Expectation) -> np.ndarray | None:
-    """(h, w) bool: where the object should be; None where that is not known, or outside the picture."""
+    """(h, w) bool: the object's place; None if it is not known, or outside the picture."""
     if expectation.view is None or expectation.solid is None:
         return None
     mask = draw_silhouette(expectation.solid, expectation.view).astype(np.uint8)
@@ -166,33 +167,18 @@ def _find_object(image: np.ndarray, expectation: Expectation) -> np.ndarray | No
     return mask if mask.sum() >= LEAST_REGION_PX else None
 
 
-def _draw_sheets(image: np.ndarray, sightings: Sequence[PatchSighting]) -> np.ndarray:
-    """(h, w) bool: where patches were found."""
-    mask = np.zeros(image.shape[:2], np.uint8)
-    for sighting in sightings:
-        cv2.fillConvexPoly(mask, sighting.corners_px.round().astype(np.int32), 1)
-    return mask.astype(bool)
-
-
 def _check_framing(expectation: Expectation, sighting: BoardSighting | None) -> list[GateResult]:
-    gates = (CUT_OFF, OFF_CENTRE, MISSING)
     view, solid = expectation.view, expectation.solid
     if view is None or solid is None:
         why = f"no pose: {expectation.no_pose}" if view is None else "the object's shape is not known"
-        return [gate.skip(why) for gate in gates]
+        return [gate.skip(why) for gate in (CUT_OFF, OFF_CENTRE, MISSING)]
+    # an object that is cut off is not judged as off centre as well
     silhouette, size = silhouette_px(solid, view), (view.camera.width, view.camera.height)
     cut = check_cut_off(silhouette, size)
     centred = OFF_CENTRE.skip("it is cut off") if cut.failed else check_centred(silhouette, size)
     if expectation.board is None or sighting is None:
         return [cut, centred, MISSING.skip("no board is seen")]
     return [cut, centred, check_there(solid, view, expectation.board, sighting)]
-
-
-def _why_blind(light: Sequence[GateResult], framing: Sequence[GateResult]) -> str | None:
-    """Which failed gate explains that no patch is found."""
-    # off centre is left out: a patch can be found outside the middle square
-    reasons = [result.name for result in (*light, *framing) if result.failed and result.name != OFF_CENTRE.name]
-    return f"no patch is found, but the photograph fails by {' and '.join(reasons)}" if reasons else None
 
 
 def _check_patch(
@@ -214,7 +200,7 @@ def _check_patch(
     # a wrap is on, and should not be
     if wrap is not None and pieces is not None and pieces.is_on:
         should = f"the patch '{patch.own}'" if patch.own else "no wrap"
-        said = f"the wrap '{wrap.name}' is seen, '{variant}' should show {should}: change it, or sort the photo anew"
+        said = f"the wrap '{wrap.name}' is seen, '{variant}' should show {should}: change it, or sort the photo again"
         return [VARIANT.judge(1, said), HIDDEN.skip("the wrap is seen, see 'wrong variant'")], seen
     # a missing patch is judged only if it could be seen
     if patch.own is not None and seen.other is None and seen.lacks_own(shown):
@@ -239,9 +225,11 @@ def _check_wrapped(
     """The same of a variant that should show the object's wrap."""
     wrap, pieces = expectation.wrap, _look_for_wrap(image, expectation)
     assert wrap is not None
+    # the wrap is on: only single pieces may be missing
     hidden = HIDDEN.skip("of a wrap each piece is looked for, see 'wrong variant'")
     if pieces is not None and pieces.is_on:
         return [check_pieces(pieces, wrap, expectation.variant), hidden], None
+    # a patch in its place is a wrong variant
     seen = look_for_patches(search_region(image, region), patch, expectation.view)
     # where pieces are too small to be told, they may look like a patch
     if seen.other is not None and (pieces is None or pieces.is_judged):
@@ -253,28 +241,28 @@ def _check_wrapped(
 
 
 def _look_for_wrap(image: np.ndarray, expectation: Expectation) -> PiecesSeen | None:
-    """What is seen of the object's wrap; None where it has none, or no pose says where its pieces are."""
+    """Look for the object's wrap; None if it has none, or no pose gives the places of its pieces."""
     if expectation.wrap is None or expectation.view is None or expectation.solid is None:
         return None
     return look_for_pieces(image, expectation.wrap, expectation.solid, expectation.view)
 
 
 def _why_no_wrap(expectation: Expectation, pieces: PiecesSeen | None) -> str | None:
-    """Why no wrap being found does not mean that none is there; None where it does, or the object has none."""
+    """Why the wrap may be there although it is not found; None if it is not there, or the object has none."""
     if expectation.wrap is None or (pieces is not None and pieces.is_judged):
         return None
     if pieces is None:
-        return f"where the pieces of its wrap would be is not known: {expectation.no_pose}"
+        return f"the places of its wrap's pieces are not known: {expectation.no_pose}"
     return "the pieces of its wrap are turned away, hidden, or too small to tell"
 
 
 def _why_unsure(expectation: Expectation, expected: Sequence[np.ndarray | None]) -> str | None:
-    """Why no patch being found does not mean that none is there: the place of the object's own does not show."""
+    """Why a patch may be there although it is not found: the place of the object's own does not show."""
     patch, view = expectation.patch, expectation.view
     if patch is None or patch.home is None:
         return None  # there is none that could have been left on
     if view is None:
-        return f"no patch is found, but where it would be is not known: {expectation.no_pose}"
+        return f"no patch is found, but its place is not known: {expectation.no_pose}"
     places = zip(patch.sheets, expected, strict=True)
     if any(cells is not None and cells.mean() >= LEAST_SEEN and is_clear(sheet, view) for sheet, cells in places):
         return None
@@ -282,7 +270,7 @@ def _why_unsure(expectation: Expectation, expected: Sequence[np.ndarray | None])
 
 
 Built = tuple[Solid | None, ExpectedPatch | None, str, ExpectedWrap | None]
-"""What is expected of an object in a variant: its shape, its patch, why that is not known, and its wrap."""
+"""Shape of an object in a variant, its patch, why that is not known, and its wrap."""
 
 
 class ExpectationBuilder:
@@ -294,17 +282,14 @@ class ExpectationBuilder:
 
     @cached_property
     def board(self) -> Board:
-        """The board of the workspace; a broken `rig/board.json` is a `ToolkitError`."""
+        """The workspace's board; a broken file raises `ToolkitError`."""
         return read_board(self._workspace)
 
     def expect(
         self, object_name: str, variant: str, pose_id: int | None = None, view: PosedCamera | None = None,
         no_pose: str = "no board is seen",
     ) -> Expectation:  # fmt: skip
-        """What such a photograph should show.
-
-        An object or a patch that cannot be read does not stop a photograph: the gates that need it say so.
-        """
+        """Return what such a photograph should show; gates of an unreadable object or patch are `not checked`."""
         key = (object_name, variant)
         if key not in self._kept:
             self._kept[key] = self._build(object_name, variant)
@@ -315,25 +300,23 @@ class ExpectationBuilder:
         )  # fmt: skip
 
     def prepare(self, object_name: str, variant: str) -> None:
-        """Build now what the first photograph would wait for: the object, and the local features of all patches."""
+        """Build ahead what the first photograph needs: the object, and the local features of all patches."""
         self.expect(object_name, variant)
         for pixels in self._patches.values():
             describe_patch(pixels)
 
     def expect_record(self, record: CaptureRecord) -> Expectation:
-        """What the photograph of a manifest's line should show."""
+        """Return what the photograph of a manifest's line should show."""
         why = record.made.get("no_pose", "no board is seen")
         return self.expect(record.object, record.variant, record.pose_id, view_of_record(record), why)
 
     @cached_property
     def _patches(self) -> dict[str, np.ndarray]:
-        """Pixels of the workspace's patches by name; those that are broken are none that could be seen."""
+        """Pixels of the workspace's readable patches by name."""
         found = {}
         for name, file in self._workspace.patches().items():
-            try:
+            with suppress(ToolkitError):  # the command that prints or shoots it names the fault
                 found[name] = read_patch(file).pixels
-            except ToolkitError:
-                continue  # the command that prints or shoots it says what is wrong
         return found
 
     def _build(self, object_name: str, variant: str) -> Built:
@@ -341,7 +324,7 @@ class ExpectationBuilder:
             item = load_object(self._workspace.object_spec(object_name))
         except ToolkitError:
             return None, None, f"the object '{object_name}' is not known", None
-        # a variant of the user's own: its silhouette is judged all the same
+        # a variant of the user: its silhouette is judged all the same
         if variant not in VARIANTS:
             return Solid(item.mesh), None, f"what '{variant}' has on it is not known", None
         try:
@@ -357,6 +340,7 @@ class ExpectationBuilder:
     def _dress(self, item: TableObject, variant: str, booster: AppliedBooster) -> Built:
         if variant == "grey-patch":
             return Solid(booster.apply(item)), None, NO_MARKS, None
+        # a patch alone on the board has no mesh to say where it lies
         patches = {**self._patches, booster.name: booster.pixels}
         if booster.alone:
             return Solid(booster.apply(item)), ExpectedPatch(booster.name, patches), "", None
@@ -365,7 +349,7 @@ class ExpectationBuilder:
         return Solid(attach(item.mesh, *sheets)), patch, "", self._wrap_of(item)
 
     def _wrap_of(self, item: TableObject, *, is_on: bool = False) -> ExpectedWrap | None:
-        """The object's wrap; None where it has none, or nothing is trained on it, so that nobody printed it."""
+        """The object's wrap; None if it has none, or nothing is trained on it, so that nobody printed it."""
         try:
             booster = find_wrap_booster(self._workspace, item, WRAP.variant)
         except ToolkitError:
@@ -386,7 +370,7 @@ def _place(item: TableObject, sheets: Sequence[MountedSheet]) -> tuple[PlacedShe
 
 
 def view_of_record(record: CaptureRecord) -> PosedCamera | None:
-    """The camera that a manifest's line has; None where it has none."""
+    """The camera of a manifest's line, if it has a camera."""
     if record.T_world_camera is None or (camera := record.camera) is None:
         return None
     return PosedCamera(np.array(record.T_world_camera, float), camera)

@@ -14,29 +14,27 @@ from toolkit.rooms.photos.posed_camera import PosedCamera
 from toolkit.rooms.photos.prints.align import cell_centres
 from toolkit.rooms.photos.prints.find import CELL_SHOWS, SIZE_TOLERANCE, PatchSighting
 
-MOVED = Gate("patch moved", 5.0, "mm", "put it where it is in the other photographs, and take this one again")
-"""5 mm: a patch that stayed in its place is found within 0.2 mm in the rig's photographs, also by a lens that is 2 %
-off; a page that is not quite flat and a lens that nobody calibrated add a millimetre or two. A patch that was taken
-off and taped on again by eye lies 5 to 20 mm off."""
+MOVED = Gate("patch moved", 5.0, "mm", "put it where it is in the other photographs, and take this photograph again")
+"""5 mm: in the rig's photographs a patch that stays is found within 0.2 mm. Wavy paper and an uncalibrated lens add a
+millimetre or two. A patch that was taken off and taped on again by eye lies 5 to 20 mm off."""
 SIZE = Gate(
-    "patch size",
-    100 * SIZE_TOLERANCE,
-    "% off",
+    "patch size", 100 * SIZE_TOLERANCE, "% off",
     "print it again at 100 % ('actual size'), with a ruler on the page's bars",
-)
-"""2 %: the rig's photographs give the side within 0.3 %; "fit to page" makes it 3 to 6 % too small."""
+)  # fmt: skip
+"""The rig's photographs give the side within 0.3 %; "fit to page" makes it 3 to 6 % too small."""
 LEAST_PHOTOS = 3
-"""Smallest number of photographs; if two disagree, nothing tells which is right."""
+"""Smallest number of photographs: two that disagree do not tell which is right."""
+FEW_SIDES = f"it takes {LEAST_PHOTOS} photographs with pose and patch, from different sides"
 LEAST_CELLS = 4
 LEAST_ANGLE_DEG = 8.0
-"""Lines that are closer to parallel than this do not say where they meet."""
+"""Least angle between lines of sight that locate a point."""
 ROUNDS = 20
 SOFT_MM = 0.5
 
 
 @dataclass(frozen=True)
 class PatchLines:
-    """Lines of sight on which the cells of a patch lie; of several sheets in turn, 25 cells each.
+    """Lines of sight from a camera to the cells of a patch, 25 cells a sheet.
 
     Attributes:
         origin_mm: (3,) the camera.
@@ -69,25 +67,26 @@ class LinesRecord(BaseModel):
 
 
 def trace_patch(sightings: Sequence[PatchSighting | None], view: PosedCamera) -> PatchLines | None:
-    """The lines of a patch, sheet by sheet; None where none was found. `view` is of the picture at the same size."""
+    """The lines of a patch, sheet by sheet; None if no sheet was found. `view` is of the picture at the same size."""
+    if not any(sighting is not None for sighting in sightings):
+        return None
     directions, shows = np.zeros((len(sightings), CELLS**2, 3)), np.zeros((len(sightings), CELLS**2), bool)
     for sheet, seen in enumerate(sightings):
         if seen is not None:
             directions[sheet] = view.rays(view.camera.undistort(seen.warp.to_pixels(cell_centres(CELLS))))
             shows[sheet] = seen.agreement.ravel() >= CELL_SHOWS
-    found = any(sighting is not None for sighting in sightings)
-    return PatchLines(view.position_mm, directions.reshape(-1, 3), shows.reshape(-1)) if found else None
+    return PatchLines(view.position_mm, directions.reshape(-1, 3), shows.reshape(-1))
 
 
 def measure_moves(photos: Sequence[PatchLines]) -> list[float | None]:
-    """How far in mm each photograph's patch lies beside where the photographs together have it.
+    """Measure in mm how far each photograph's patch lies from where the photographs together have it.
 
-    Returns:
-        The median over the cells that it shows, of several sheets that of the sheet furthest off; None where
-        too few photographs show them, or all from one side.
+    Each value is the median over the cells that it shows, of the sheet farthest off. It is None if too few photographs
+    show them, or all from the same side.
     """
     if len(photos) < LEAST_PHOTOS:
         return [None] * len(photos)
+    # distance of each line of sight from the place where all photographs together have the cell
     misses = np.full((len(photos), photos[0].shows.size), np.nan)
     for cell, point in enumerate(triangulate_cells(photos)):
         who = [i for i, photo in enumerate(photos) if photo.shows[cell]]
@@ -96,14 +95,14 @@ def measure_moves(photos: Sequence[PatchLines]) -> list[float | None]:
             misses[who, cell] = _miss(point, origins, np.array([photos[i].directions[cell] for i in who]))
     moves: list[float | None] = []
     for row in misses.reshape(len(photos), -1, CELLS**2):
-        # of a sheet the median, as a cell may lie in glare; of several the worst, as each is taped alone
+        # the median of a sheet, as a cell may lie in glare; the worst sheet, as each is taped alone
         sheets = [float(np.nanmedian(cells)) for cells in row if np.isfinite(cells).sum() >= LEAST_CELLS]
         moves.append(max(sheets, default=None))
     return moves
 
 
 def triangulate_cells(photos: Sequence[PatchLines]) -> np.ndarray:
-    """(25 · sheets, 3) where the cells are, in the world, mm; NaN where too few photographs show a cell."""
+    """(25 · sheets, 3) places of the cells in the world, mm; NaN for a cell that too few photographs show."""
     points = np.full((photos[0].shows.size, 3), np.nan)
     for cell in range(len(points)):
         who = [photo for photo in photos if photo.shows[cell]]
@@ -116,12 +115,13 @@ def triangulate_cells(photos: Sequence[PatchLines]) -> np.ndarray:
 
 
 def measure_side(photos: Sequence[PatchLines], sheet: int = 0) -> float | None:
-    """The side of the patch on a sheet, mm, from the distances of neighbouring cells; None where too few are known.
+    """Measure the side of the patch on a sheet, mm, by the distances of neighbouring cells; None with too few.
 
-    Paper that is bent keeps its lengths, and over a fifth of a patch a bend shortens nothing that could be measured.
+    A bend shortens the distance over a fifth of a patch by nothing that could be measured.
     """
     if len(photos) < LEAST_PHOTOS:
         return None
+    # steps between neighbours along rows and columns
     grid = triangulate_cells(photos).reshape(-1, CELLS, CELLS, 3)[sheet]
     steps = np.concatenate([np.diff(grid, axis=axis).reshape(-1, 3) for axis in (0, 1)])
     lengths = np.linalg.norm(steps, axis=1)
@@ -130,11 +130,9 @@ def measure_side(photos: Sequence[PatchLines], sheet: int = 0) -> float | None:
 
 
 def meet(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """(3,) the point with the least sum of distances to lines (Weiszfeld's weights), so that few strays do not draw it.
+    """(3,) the point with the least sum of distances to lines (Weiszfeld's weights), robust against a few strays.
 
-    Args:
-        origins: (n, 3) a point of each.
-        directions: (n, 3) unit vectors, not all parallel.
+    `origins` (n, 3) are points of the lines, `directions` (n, 3) unit vectors, not all parallel.
     """
     # I - d d^T takes from a vector its part along d: what is left is the distance from the line
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
@@ -155,18 +153,15 @@ def _miss(point: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.
 
 
 PARTNER = Gate("missing partner", 0.0, "photos missing", "take the same pose in the other variant")
-"""0: what is compared is the same object from the same pose with and without its patch; a photograph alone is left
-out."""
+"""A pair is the same object from the same pose with and without its patch; a single photograph is left out."""
 
 
 @dataclass(frozen=True)
 class CheckedPhoto:
-    """A photograph of a set, which may still be missing, or the set's verdict on a photograph.
+    """A photograph with the results of its gates, or a finding of `check_set` on a photograph that may be missing.
 
     Attributes:
-        object, variant, pose_id: what it shows.
-        results: of its own gates; in a finding of `check_set`, of a gate over the set.
-        lines: where its patch was seen; None without pose or patch.
+        lines: of sight to its patch; None without pose or patch.
         path: of the image, for people.
     """
 
@@ -183,11 +178,9 @@ def check_set(
 ) -> list[CheckedPhoto]:
     """Check pairs and patches over all photographs of a source.
 
-    Args:
-        photos: of any objects and variants; no photograph may come twice.
-        sides_mm: the side of the patch on each sheet as it should have been printed, by object and variant, where that
-            is known.
+    `sides_mm` has the side of the patch on each sheet as it should have been printed, by object and variant.
     """
+    # partners, places and sizes are compared within an object
     by_object: dict[str, list[CheckedPhoto]] = defaultdict(list)
     for photo in photos:
         by_object[photo.object].append(photo)
@@ -200,7 +193,7 @@ def check_set(
 
 
 def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[CheckedPhoto]:
-    """For each pose of an object that has a photograph in the pair, whether it has both."""
+    """Find for each pose of an object whether it has both photographs of the pair."""
     poses = {
         variant: {photo.pose_id: photo for photo in photos if photo.variant == variant and photo.pose_id is not None}
         for variant in PAIR
@@ -212,7 +205,7 @@ def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[Checke
                 result = PARTNER.skip(f"'{other}' has no photograph yet")
                 findings.append(CheckedPhoto(name, variant, pose_id, (result,), path=photo.path))
             elif pose_id not in poses[other]:
-                advice = f"take it: the {variant} one is there"
+                advice = f"take it: the {variant} photograph is there"
                 findings.append(CheckedPhoto(name, other, pose_id, (PARTNER.judge(1, advice),)))
             elif variant == PAIR[0]:
                 findings.append(CheckedPhoto(name, variant, pose_id, (PARTNER.judge(0),), path=photo.path))
@@ -224,24 +217,19 @@ def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[Checke
 
 
 def find_moved_patches(photos: Sequence[CheckedPhoto]) -> list[CheckedPhoto]:
-    """For each photograph of an object whose variant has a patch, how far it lies beside the others'.
-
-    A variant in which no photograph shows its patch has no findings: its own gates say why.
-    """
+    """Find for each photograph of an object how far its patch lies beside the others'; none without any patch."""
     findings = []
     for variant in sorted({photo.variant for photo in photos if photo.lines is not None}):
         group = [photo for photo in photos if photo.variant == variant]
         seen = [(photo, photo.lines) for photo in group if photo.lines is not None]
         moves = dict(zip((id(photo) for photo, _ in seen), measure_moves([lines for _, lines in seen]), strict=True))
-        few = f"it takes {LEAST_PHOTOS} photographs with pose and patch, from different sides"
         for photo in group:
             move = moves.get(id(photo))
             if move is not None:
-                result = MOVED.judge(
-                    move, f"the patch, or the object on its board, lies {move:.0f} mm beside: {MOVED.advice}"
-                )
+                beside = f"the patch, or the object on its board, lies {move:.0f} mm beside: {MOVED.advice}"
+                result = MOVED.judge(move, beside)
             else:
-                result = MOVED.skip(few if photo.lines is not None else "no pose, or no patch is seen")
+                result = MOVED.skip(FEW_SIDES if photo.lines is not None else "no pose, or no patch is seen")
             findings.append(CheckedPhoto(photo.object, photo.variant, photo.pose_id, (result,), path=photo.path))
     return findings
 
@@ -249,7 +237,7 @@ def find_moved_patches(photos: Sequence[CheckedPhoto]) -> list[CheckedPhoto]:
 def find_wrong_sizes(
     photos: Sequence[CheckedPhoto], sides_mm: Mapping[tuple[str, str], Sequence[float]]
 ) -> list[CheckedPhoto]:  # fmt: skip
-    """For each variant of an object with a patch, whether it is as large as it should have been."""
+    """Find for each variant of an object with a patch whether the patch has its size."""
     findings = []
     for key in sorted({(photo.object, photo.variant) for photo in photos if photo.lines is not None} & set(sides_mm)):
         group = [photo for photo in photos if (photo.object, photo.variant) == key]
@@ -258,11 +246,10 @@ def find_wrong_sizes(
             which = f"sheet {sheet + 1}: " if len(sides_mm[key]) > 1 else ""
             side = measure_side(lines, sheet)
             if side is None:
-                few = f"it takes {LEAST_PHOTOS} photographs with pose and patch, from different sides"
-                result = SIZE.skip(f"{which}{few}")
+                result = SIZE.skip(f"{which}{FEW_SIDES}")
             else:
                 off = 100 * (side / meant - 1)
-                found = f"{which}the patch measures {side:.1f} mm, {off:+.1f} %, where {meant:.1f} mm was meant"
+                found = f"{which}the patch measures {side:.1f} mm, {off:+.1f} % from the intended {meant:.1f} mm"
                 result = SIZE.judge(abs(off), f"{found}: {SIZE.advice}")
             findings.append(CheckedPhoto(*key, None, (result,)))
     return findings

@@ -15,25 +15,23 @@ from toolkit.rooms.photos.posed_camera import PosedCamera
 CUT_OFF = Gate(
     "cut off", 2.0, "% of the object", "the object reaches over the picture's edge: step back, or aim at its middle"
 )
-"""2 %: a classifier does not miss the tip of an aerial. The silhouette that a board and a mesh predict is about as
-sure: 5 mm that a 270 mm object stands beside the board's middle are 2 % of it."""
+"""2 %: a classifier does not miss the tip of an aerial. The predicted silhouette is about as sure: an object of 270 mm
+that stands 5 mm off is cut by as much."""
 CROP_SHARE = 0.875
 """Classifiers look at the middle square of a photograph, 224 of 256 pixels of its shorter side."""
 OFF_CENTRE = Gate(
     "off centre", 10.0, "% of the object",
     "a part of the object lies outside the middle square that classifiers look at: aim at its middle, or step back",
 )  # fmt: skip
-"""10 %: at the plan's fill (80 % of the shorter side) an aim that is 3 % of the frame off loses nothing yet; from a
-tenth of the object on, what is lost can be what it was recognised by, and a pair is no longer compared on the same
-part."""
+"""10 %: an aim that is 3 % of the frame off loses nothing at the plan's size. A lost tenth of the object may be what it
+is recognised by."""
 MISSING = Gate(
     "object missing", 25.0, "% of the board's corners that it should hide",
     "the board is seen where the object should stand: put the object on the board's middle, its front to FRONT",
 )  # fmt: skip
-"""25 %: with the object in place none is seen, and 12 % at most where it stands 14 mm and 6° beside its place.
-Without it all are seen."""
+"""25 %: none is seen with the object in place, at most 12 % if it stands 14 mm and 6° off, and all without it."""
 PLACE_SLACK_MM = 10.0
-"""A corner counts as hidden where it stays hidden if the object is moved by so much."""
+"""A corner counts as hidden if it stays hidden when the object moves by so much."""
 LEAST_HIDDEN = 4
 
 
@@ -45,28 +43,21 @@ def measure_outside(pixels: np.ndarray, low: tuple[float, float], high: tuple[fl
 
 
 def check_cut_off(silhouette: np.ndarray, size: tuple[int, int]) -> GateResult:
-    """Share of the object's silhouette outside the frame.
-
-    Args:
-        silhouette: (n, 2) pixels, from `silhouette_px`.
-        size: (width, height) of the photograph.
-    """
+    """Share of the object's silhouette, (n, 2) pixels from `silhouette_px`, outside a frame (width, height)."""
     if len(silhouette) == 0:
         return CUT_OFF.judge(100.0, "the object is behind the camera: check that the board lies under the object")
     return CUT_OFF.judge(measure_outside(silhouette, (0, 0), size))
 
 
 def check_centred(silhouette: np.ndarray, size: tuple[int, int]) -> GateResult:
-    """Share of the object's silhouette outside the middle square that classifiers see; arguments as above."""
+    """Share of the object's silhouette outside the middle square that classifiers see, as `check_cut_off`."""
     side = CROP_SHARE * min(size)
     low = ((size[0] - side) / 2, (size[1] - side) / 2)
     return OFF_CENTRE.judge(measure_outside(silhouette, low, (low[0] + side, low[1] + side)))
 
 
-def check_there(
-    solid: Solid, view: PosedCamera, board: Board, sighting: BoardSighting
-) -> GateResult:  # fmt: skip
-    """Share of the board's corners behind the object that are seen all the same."""
+def check_there(solid: Solid, view: PosedCamera, board: Board, sighting: BoardSighting) -> GateResult:
+    """Share of the board's corners behind the object that are seen nevertheless."""
     hidden = find_hidden_corners(solid, view, board)
     if len(hidden) < LEAST_HIDDEN:
         return MISSING.skip("from here the object hides too little of the board to tell")
@@ -85,73 +76,61 @@ def find_hidden_corners(solid: Solid, view: PosedCamera, board: Board) -> np.nda
 
 
 CLIPPED = 252
-"""sRGB value from which a channel has lost its shades; JPEG moves a clipped channel by a few levels."""
+"""sRGB value of a clipped channel; JPEG moves it by a few levels."""
 OVER = Gate(
     "over-exposure", 5.0, "% of the object clipped",
     "too bright: tap on the object before the shot, turn exposure down, or take the lamp away",
 )  # fmt: skip
-"""5 %: of the rig's good photographs 0.03 % are clipped at most, which leaves room for highlights on real paint,
-glass and metal; one stop too much clips 4 to 18 %, and the colours of a patch are then no longer those that were
-printed."""
+"""5 %: at most 0.03 % is clipped in the rig's good photographs, which leaves room for highlights on real paint and
+metal. A stop too much clips 4 to 18 %, and changes the colours of a patch."""
 UNDER_PAPER = Gate(
     "under-exposure", 110.0, "grey level of white paper",
     "too dark: use more light, or turn exposure up", at_most=False,
 )  # fmt: skip
-"""110: white paper has 165 to 240 in a photograph that is exposed well, and 85 to 106 at two stops less, where noise
-and coarse shades take the place of colours. The paper is the measure where a board is seen, as a black object is not
-under-exposed."""
+"""110: white paper has 165 to 240 in a good photograph. At two stops less it has 85 to 106, and colours drown in noise.
+The paper is the measure, if a board is seen, because a black object is not under-exposed."""
 UNDER_BRIGHTEST = Gate(
     "under-exposure", 80.0, "grey level of the brightest tenth",
     "too dark: use more light, or turn exposure up", at_most=False,
 )  # fmt: skip
-"""80: without a board, something in the middle of nearly every picture is half as bright as paper or brighter; less
-light than this by a further stop leaves nothing to see."""
+"""80: without a board, something in the middle of nearly every picture is half as bright as paper or brighter."""
 BRIGHT = 140.0
 """Grey level above which the unclipped half of an over-exposed picture lies; some 120 where it is exposed well."""
 MIDDLE_SHARE = 0.6
 PAPER_PERCENTILE = 92
-"""A quarter of a ChArUco board is white paper, markers' modules included; its darker part may lie in a shadow."""
+"""A quarter of a ChArUco board is white paper; its darker part may lie in a shadow."""
 
 
 def check_over_exposure(pixels: np.ndarray, is_object: bool = True) -> GateResult:
-    """Share of the object's pixels of which two channels or more are clipped: one alone is a pure colour.
+    """Share of pixels (n, 3) uint8 sRGB with two clipped channels or more: a single clipped channel is a pure colour.
 
-    Where nobody knows which pixels are the object's, a window behind it may be what is clipped. Then a photograph is
-    too bright only if all else in it is bright as well.
-
-    Args:
-        pixels: (n, 3) uint8 sRGB, of the object, or of the place where it is looked for.
-        is_object: which of the two.
+    Pixels that are not known to be the object's may show a bright window. Then a photograph is too bright only if all
+    else in it is bright as well.
     """
     clipped = np.sort(pixels, axis=1)[:, 1] >= CLIPPED
     result = OVER.judge(100.0 * float(clipped.mean()))
     if is_object or result.passed or clipped.all():
         return result
     if float(np.median(_luma(pixels[~clipped]))) < BRIGHT:
-        return OVER.skip("a part is clipped, a window or a lamp perhaps, and where the object is, is not known")
+        return OVER.skip("a part is clipped, a window or a lamp perhaps, and the object's place is not known")
     return result
 
 
 def check_under_exposure(paper: float | None, pixels: np.ndarray) -> GateResult:
-    """The grey level of the board's paper, or of the brightest tenth of the object's region where no board is seen.
-
-    Args:
-        paper: from `measure_paper`, None without a board.
-        pixels: (n, 3) uint8 sRGB, of the object's region.
-    """
+    """Judge the board's `paper` (`measure_paper`), or without a board the object's pixels (n, 3) uint8 sRGB."""
     if paper is not None:
         return UNDER_PAPER.judge(paper)
     return UNDER_BRIGHTEST.judge(float(np.percentile(_luma(pixels), 90)))
 
 
 def measure_paper(image: np.ndarray, sighting: BoardSighting) -> float | None:
-    """Grey level 0 to 255 of the board's white paper, half of which is as bright or brighter; None for a sliver."""
+    """Median grey level, 0 to 255, of the board's white paper; None if too little of the board shows."""
     pixels = sighting.pixels(image)
     return float(np.percentile(_luma(pixels), PAPER_PERCENTILE)) if len(pixels) >= 100 else None
 
 
 def middle_of(image: np.ndarray) -> np.ndarray:
-    """(h, w) bool: the part of a picture in which an object is looked for when its place is not known."""
+    """(h, w) bool: the middle of a picture, where an object is looked for if its place is not known."""
     h, w = image.shape[:2]
     mask = np.zeros((h, w), bool)
     top, left = round(h * (1 - MIDDLE_SHARE) / 2), round(w * (1 - MIDDLE_SHARE) / 2)
@@ -167,28 +146,27 @@ def _luma(pixels: np.ndarray) -> np.ndarray:
 NETWORK_SIDE_PX = 256
 """Pixels of the photograph's shorter side once it is shrunk for a classifier."""
 BLUR = Gate("blur", 0.7, "px at the classifier's size", "hold still or use more light, and tap on the object to focus")
-"""0.7 px, as a Gaussian's standard deviation: shrinking blurs by 0.4 px itself, and the mildest defocus of
-ImageNet-C, which costs a ResNet some accuracy, is a disc of 1.5 px. Up to here the board can be read as well: one
-that fills the frame has modules of 1.5 such pixels or more. A sharp photograph of 640 × 360
-has 0.36 px, one of 1280 × 960 about 0.2 px."""
+"""0.7 px, as a Gaussian's standard deviation: shrinking itself blurs by 0.4 px. The mildest defocus of ImageNet-C, a
+disc of 1.5 px, costs a ResNet some accuracy. The board can be read up to here: its modules are then 1.5 px or more.
+Sharp photographs have 0.2 to 0.36 px."""
 BLUR_OF_EDGES = Gate("blur", 0.55, BLUR.unit, BLUR.advice)
-"""0.55 px where no board is seen: the sharp ones of 97 photographs by phones and webcams have 0.2 to 0.54."""
+"""0.55 px without a board: sharp photographs among 97 by phones and webcams have 0.2 to 0.54."""
 LEAST_EDGES = 6
 ALONG = np.linspace(0.25, 0.75, 9)
 """Places along a square's edge that are averaged: a marker's black border lies beside all of them."""
 MARKER_MODULES = 7
 MOST_EDGES = 30
-"""Largest number of edges of a direction; the widest edges are kept."""
+"""Largest number of edges of a direction; the widest are kept."""
 NARROWEST_PX, WIDEST_MARGINS = 0.3, 1.8
 """Widths of the blur that are tried: in pixels, and in white margins of the board."""
 LEAST_MARGIN_PX = 1.2
 LEAST_FIT = 0.8
-"""Share of an edge's variation that the fitted bar must explain: noise and what lies on the board are no edges."""
+"""Share of an edge's variation that the fitted bar must explain: noise and clutter are no edges."""
 EDGE_SIDE_PX = 2 * NETWORK_SIDE_PX
 """Shorter side of the picture in which edges are measured: what is finer than half of a classifier's pixel is noise."""
 COARSE_PX, FINE_PX = 2.0, 0.7
 STRONG = 0.3
-"""Least slope of an edge that counts, as a share of the steepest ones'."""
+"""Least slope of an edge that counts, as a share of the steepest slope."""
 BINS = 6
 LEAST_BIN = 40
 SHARP_PERCENTILE = 33
@@ -196,13 +174,9 @@ Edge = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def check_blur(grey: np.ndarray, mask: np.ndarray, sighting: BoardSighting | None, board: Board | None) -> GateResult:
-    """Judge the blur by the board's edges, which are known to be sharp; else by whatever edges there are.
+    """Judge the blur by the board's edges, which are known to be sharp; else by whatever edges lie in a mask.
 
-    Args:
-        grey: (h, w) uint8, sRGB-encoded.
-        mask: (h, w) bool: where edges count that are not the board's.
-        sighting: of the board in it, None where none is seen.
-        board: which.
+    `grey` is (h, w) uint8, sRGB-encoded, `mask` (h, w) bool.
     """
     to_network = NETWORK_SIDE_PX / min(grey.shape)
     if sighting is not None and isinstance(board, CharucoBoard):
@@ -218,31 +192,25 @@ def check_blur(grey: np.ndarray, mask: np.ndarray, sighting: BoardSighting | Non
 def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: CharucoBoard) -> float | None:
     """Standard deviation of the blur in pixels, from the edges of a ChArUco board's squares.
 
-    Returns:
-        The median over the edges of each direction, the worse of the two; None where too few edges are seen.
+    It is the median over the edges of the worse direction; None if too few edges are seen.
     """
     light = LINEAR_OF_CODE[grey]
     places = zip(sighting.ids.tolist(), sighting.corners_px - 0.5, strict=True)
-    # corners are numbered row by row, one fewer each way than there are squares
+    # corners are numbered row by row; there is a corner less each way than squares
     found = {divmod(number, board.columns - 1): place for number, place in places}
     worst = None
     for step in ((0, 1), (1, 0)):
-        edges = sorted(_list_edges(found, step, board), key=lambda edge: -_width_over(edge))[:MOST_EDGES]
+        edges = _list_edges(found, step, board)
+        edges = sorted(edges, key=lambda edge: -float(_normal_of(*edge) @ edge[2]))[:MOST_EDGES]
         widths = [width for edge in edges if (width := _fit_edge(light, board, edge)) is not None]
         if len(widths) >= LEAST_EDGES:
-            # shake blurs one direction alone, and the picture is as blurred as its worse direction
+            # shake blurs a single direction, and the picture is as blurred as its worse direction
             worst = max(worst or 0.0, float(np.median(widths)))
     return worst
 
 
 def _list_edges(found: dict[tuple[int, int], np.ndarray], step: tuple[int, int], board: CharucoBoard) -> list[Edge]:
-    """Both ends (2,) of each edge between corners that lie `step` apart, and the vector (2,) over its white square.
-
-    Args:
-        found: corners (2,) by row and column of the inner corners.
-        step: rows and columns from end to end of an edge.
-        board: says which squares are white.
-    """
+    """Both ends (2,) of each edge between corners that lie `step` apart, and the vector (2,) over its white square."""
     edges: list[Edge] = []
     for (row, column), start in found.items():
         end = found.get((row + step[0], column + step[1]))
@@ -266,18 +234,14 @@ def _normal_of(start: np.ndarray, end: np.ndarray, over_white: np.ndarray) -> np
     return normal if normal @ over_white >= 0 else -normal
 
 
-def _width_over(edge: Edge) -> float:
-    return float(_normal_of(*edge) @ edge[2])
-
-
 def _fit_edge(light: np.ndarray, board: CharucoBoard, edge: Edge) -> float | None:
-    """Standard deviation in pixels of the blur across one edge; None where it is too slanted, cut or faint."""
+    """Standard deviation in pixels of the blur across an edge; None if it is too slanted, cut or faint."""
     start, end, over_white = edge
     normal = _normal_of(*edge)
     margin = (board.square_mm - board.marker_mm) / 2 / board.square_mm * float(normal @ over_white)
     if margin < LEAST_MARGIN_PX:
         return None
-    # two margins are a square less a marker, so this is the width of one module of the marker's border, in pixels
+    # two margins are a square less a marker, so this is the width of a module of the marker's border, in pixels
     border = margin * 2 * board.marker_mm / MARKER_MODULES / (board.square_mm - board.marker_mm)
     # from inside the black square, over the white margin, a little into the marker's border, which is black again
     steps = np.arange(-1.5 * margin, margin + 0.6 * border, 0.35)
@@ -294,12 +258,12 @@ def _fit_bar(steps: np.ndarray, profile: np.ndarray, margin: float) -> float | N
     """Fit a white bar from 0 to `margin` on black, blurred; its offset, brightness and blur are free."""
     from scipy.special import ndtr
 
-    # geometric: blurs of 0.3 px and 0.35 px differ as much as 3 and 3.5 do
+    # geometric steps: a blur counts by its ratio to others
     widths = np.geomspace(NARROWEST_PX, max(WIDEST_MARGINS * margin, 2 * NARROWEST_PX), 32)[:, None]
     seen = profile - profile.mean()
     best, found = np.inf, None
     for shift in (-0.4, 0.0, 0.4):
-        # a blurred step is the normal distribution's integral; a bar is one step up and one down
+        # a blurred step is the normal distribution's integral; a bar is a step up and a step down
         bars = ndtr((steps - shift) / widths) - ndtr((steps - shift - margin) / widths)
         bars -= bars.mean(axis=1, keepdims=True)
         contrast = bars @ seen / np.maximum((bars * bars).sum(axis=1), 1e-9)
@@ -312,19 +276,11 @@ def _fit_bar(steps: np.ndarray, profile: np.ndarray, margin: float) -> float | N
 
 
 def measure_edge_blur(grey: np.ndarray, mask: np.ndarray) -> float | None:
-    """Standard deviation of the blur in pixels, from whatever edges there are, in the direction that has most of it.
+    """Standard deviation of the blur in pixels, from the edges in a mask (h, w) bool, in the most blurred direction.
 
-    Edges are chosen where the picture, blurred, is steep, so that noise and what a phone's sharpening makes of it are
-    none. How much steeper they are unblurred tells their width: a Gaussian edge of width w has the slope
-    1 / sqrt(w^2 + s^2) behind a blur of s. Camera shake widens the edges across its path alone, so the widths of each
-    direction are judged for themselves.
-
-    Args:
-        grey: (h, w) uint8, sRGB-encoded.
-        mask: (h, w) bool: where edges count.
-
-    Returns:
-        Of the sharper edges of each direction the width, the worst direction's; None with too few edges.
+    Edges are places where the blurred picture is steep, which noise and a phone's sharpening are not. A Gaussian edge
+    of width w has the slope 1 / sqrt(w^2 + s^2) behind a blur of s, so two blurs give its width. Camera shake widens
+    the edges across its path alone, so directions are judged apart, each by its sharper edges. None with too few.
     """
     share = min(1.0, EDGE_SIDE_PX / min(grey.shape))
     if share < 1:
@@ -334,7 +290,7 @@ def measure_edge_blur(grey: np.ndarray, mask: np.ndarray) -> float | None:
     x, y = _slopes(cv2.GaussianBlur(light, (0, 0), coarse_px))
     slope = np.hypot(x, y)
     peaks = mask & _is_ridge(slope, x, y)
-    # at the rim `np.roll` compares with the opposite side, and slopes come from mirrored pixels
+    # at the rim `np.roll` compares with the opposite side, and slopes use mirrored pixels
     peaks[[0, 1, -1, -2]] = peaks[:, [0, 1, -1, -2]] = False
     if peaks.sum() < LEAST_BIN:
         return None
@@ -353,7 +309,7 @@ def measure_edge_blur(grey: np.ndarray, mask: np.ndarray) -> float | None:
     width = np.sqrt(np.maximum((coarse_px**2 - ratio * FINE_PX**2) / (ratio - 1), 0)) / share
     direction = (np.arctan2(normal[:, 1], normal[:, 0]) % np.pi * BINS / np.pi + 0.5).astype(int) % BINS
     bins = [width[direction == i] for i in range(BINS)]
-    # the sharper third of a direction: soft shadows and round shapes are no blur of the camera's
+    # the sharper third of a direction: soft shadows and round shapes are not the camera's blur
     found = [float(np.percentile(widths, SHARP_PERCENTILE)) for widths in bins if len(widths) >= LEAST_BIN]
     return max(found) if found else None
 

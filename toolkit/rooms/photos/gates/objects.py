@@ -1,9 +1,10 @@
-"""What a camera should see of an object: its silhouette, what it hides, what is cut; and whether it is that object.
+"""The silhouette of an object and what it hides from a camera, and whether a photograph shows that object.
 
-Convention: pixel (0, 0)'s centre lies at (0.5, 0.5); world millimetres; `T_world_camera` as everywhere.
+Convention: the first pixel's centre lies at (0.5, 0.5); world millimetres; `T_world_camera` as everywhere.
 """
 
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -34,11 +35,7 @@ WIDEST = 4.0
 
 @dataclass(frozen=True)
 class Solid:
-    """An object as it stands on the table, with what is stuck on it, ready for rays to be cast at.
-
-    Attributes:
-        mesh: in world millimetres.
-    """
+    """An object on the table with its boosters, in world millimetres, ready for rays to be cast at."""
 
     mesh: Mesh = field(repr=False)
 
@@ -47,7 +44,7 @@ class Solid:
         return make_ray_scene(self.mesh)
 
     def hit_mm(self, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """(n,) distance from a point (3,) along unit vectors (n, 3); infinite where the object is missed."""
+        """(n,) distance from a point (3,) along unit vectors (n, 3); infinite if the object is missed."""
         rays = np.concatenate([np.broadcast_to(origin, directions.shape), directions], axis=1)
         return cast_rays(self._scene, rays)
 
@@ -59,7 +56,7 @@ class Solid:
 
 
 def draw_silhouette(solid: Solid, view: PosedCamera) -> np.ndarray:
-    """(h, w) bool: where the object is in the photograph, at `MASK_SIDE_PX`."""
+    """(h, w) bool: the object's place in the photograph, at `MASK_SIDE_PX`."""
     lens = view.camera
     share = MASK_SIDE_PX / max(lens.width, lens.height)
     w, h = max(1, round(lens.width * share)), max(1, round(lens.height * share))
@@ -69,10 +66,7 @@ def draw_silhouette(solid: Solid, view: PosedCamera) -> np.ndarray:
 
 
 def silhouette_px(solid: Solid, view: PosedCamera) -> np.ndarray:
-    """(n, 2) pixels, evenly spread over the object's whole silhouette, those that lie outside the frame as well.
-
-    Empty where no part of the object is in front of the camera.
-    """
+    """(n, 2) pixels, evenly spread over the object's silhouette, also outside the frame; empty behind the camera."""
     # R^T applied from the right: world vectors into the camera's axes
     local = (solid.mesh.vertices - view.position_mm) @ view.T_world_camera[:3, :3]
     ahead = local[local[:, 2] > 1e-3 * np.abs(local).max()]
@@ -94,16 +88,16 @@ def silhouette_px(solid: Solid, view: PosedCamera) -> np.ndarray:
 WORK_SIDE_PX = 640
 """Longer side of the photograph that is compared; the object then still is larger than its template."""
 LEAST_LIKENESS = 0.68
-"""Smallest likeness of the likeliest object. 39 real photographs that show none of the shipped objects,
-are 0.40 to 0.66 like each; a lead alone says nothing, as some objects are like any picture."""
+"""Smallest likeness of the likeliest object. 39 real photographs without any of the shipped objects have 0.40 to 0.66.
+A lead alone means nothing, as some objects resemble any picture."""
 OBJECT = Gate(
     "wrong object", 0.1, "likeness by which another object is ahead",
-    "it looks like another object: put the right one there, or sort the photo anew",
+    "it looks like another object: put the right object there, or sort the photo again",
 )  # fmt: skip
 
 
 class KnownObjects:
-    """What the objects of a workspace's plan look like; they are rendered once, when they are first asked for."""
+    """Renders of the objects of a workspace's plan, made once when they are first needed."""
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
@@ -126,15 +120,13 @@ class KnownObjects:
         if (plan := self._plan) is None:
             return found
         for name, poses in plan.objects.items():
-            try:
+            with suppress(ToolkitError):  # the command that plans or shoots it names the fault
                 mesh = load_object(self._workspace.object_spec(name)).mesh
                 found[name] = make_templates(mesh, plan.camera, poses)
-            except ToolkitError:
-                continue  # the command that plans or shoots it says what is wrong
         return found
 
     def _compare(self, image: np.ndarray) -> dict[str, float]:
-        """Scores of a photograph, remembered until the next: it is asked about several objects."""
+        """Scores of a photograph, kept until the next, as it is compared with several objects."""
         from toolkit.rooms.photos.match_render import match_objects
 
         if self._last is None or self._last[0] is not image:
@@ -144,7 +136,7 @@ class KnownObjects:
         return self._last[1]
 
     def check(self, image: np.ndarray, name: str) -> GateResult:
-        """By how much a photograph (h, w, 3) uint8 sRGB, upright, looks more like an object other than `name`."""
+        """Judge whether a photograph (h, w, 3) uint8 sRGB, upright, looks more like another object than `name`."""
         known: Collection[str] = self._plan.objects if self._plan else ()
         if len(known) > 1:  # else nothing need be rendered to know the answer
             known = self._templates
@@ -159,7 +151,7 @@ class KnownObjects:
 
 
 def judge_likeness(name: str, own: float, rivals: Mapping[str, float]) -> GateResult:
-    """Compare an object's likeness with that of others, by name; `not checked` where none is plainly ahead."""
+    """Compare an object's likeness with that of others, by name; `not checked` if none is plainly ahead."""
     if not rivals:
         return OBJECT.skip("the plan has no object of another class to compare with")
     rival = max(rivals, key=lambda other: rivals[other])
@@ -169,4 +161,5 @@ def judge_likeness(name: str, own: float, rivals: Mapping[str, float]) -> GateRe
         return OBJECT.skip("it does not clearly look like any of the plan's objects")
     if abs(lead) < OBJECT.threshold:
         return OBJECT.skip(f"it looks about as much like '{rival}' as like '{name}'")
-    return OBJECT.judge(lead, f"it looks like '{rival}', not like '{name}': put '{name}' there, or sort the photo anew")
+    advice = f"it looks like '{rival}', not like '{name}': put '{name}' there, or sort the photo again"
+    return OBJECT.judge(lead, advice)

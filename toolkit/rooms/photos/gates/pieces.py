@@ -1,7 +1,7 @@
 """Is the wrap on the object? Squares of its pieces, looked for where the camera should see them.
 
-A piece may be long, bent round the object, and seen in part. So it is looked for in squares that lie wholly on it, each
-as a small patch would be, in the place where the map of the piece and the camera's pose have it.
+A piece may be long, bent round the object, and seen in part. So it is looked for in squares that lie wholly on it. The
+map of the piece and the camera's pose give the place of each square.
 """
 
 from dataclasses import dataclass, field
@@ -20,39 +20,33 @@ from toolkit.rooms.photos.prints.align import FLAT, UNIT_CORNERS, PatchWarp, cel
 from toolkit.rooms.photos.prints.find import find_there
 
 LARGEST_SHARE = 0.2
-"""Largest side of a square, as a share of the object's longest side; a larger square bends too far."""
+"""Largest side of a square, as a share of the object's longest side; larger squares bend too far."""
 SMALLEST_MM = 12.0
 MOST_SQUARES = 8
 """Largest number of squares of a piece."""
 LEAST_SHOWN = 0.5
 """Share of a square's cells that must face the camera for it to be looked for."""
 MOST_LOOKED_AT = 3
-"""Squares of a piece in one photograph."""
+"""Largest number of squares of a piece in a photograph."""
 LEAST_SQUARES, LEAST_FOUND = 3, 0.25
-"""The wrap is judged where so many squares show, and is on the object where this share of them is found."""
+"""Number of squares that must show to judge the wrap, and share of them that must be found."""
 LEAST_OF_PIECE = 2
-"""Squares of a piece, none of them found, that say that it is missing."""
+"""Number of squares of a piece that show, none of them found, from which it counts as missing."""
 STIFFNESS = 0.001
 """Stiffness for `fit_warp`; the bend of the surface itself is known."""
 
 
 @dataclass(frozen=True)
 class Square(PlacedSheet):
-    """A part of a piece; `at` names the piece.
-
-    Attributes:
-        pixels: (n, n, 3) uint8 sRGB, what is printed there.
-    """
+    """A part of a piece, which `at` names; `pixels` (n, n, 3) uint8 sRGB are printed there."""
 
     pixels: np.ndarray
 
     def expect(self, view: PosedCamera) -> PatchWarp | None:
-        """Where a camera should see it, bent as the surface is; None where it is behind the camera."""
-        places, points = (
-            np.concatenate([cell_centres(CELLS), UNIT_CORNERS]),
-            np.concatenate([self.cells_mm, self.corners_mm]),
-        )
-        pixels = view.project(points)
+        """Place it in a camera's picture, bent as the surface is; None behind the camera."""
+        places = np.concatenate([cell_centres(CELLS), UNIT_CORNERS])
+        # a homography by the corners, bent to the cells' pixels
+        pixels = view.project(np.concatenate([self.cells_mm, self.corners_mm]))
         if not np.isfinite(pixels).all():
             return None
         corners = pixels[-len(UNIT_CORNERS) :].astype(np.float32)
@@ -62,13 +56,7 @@ class Square(PlacedSheet):
 
 @dataclass(frozen=True)
 class ExpectedWrap:
-    """The wrap of a photograph's object.
-
-    Attributes:
-        name: of the wrap.
-        is_on: whether it belongs on the object; else it is what may have been left on.
-        squares: of its pieces, where they lie in the world.
-    """
+    """Name and squares of an object's wrap, and whether it belongs on the object, or may have been left on it."""
 
     name: str
     is_on: bool
@@ -77,17 +65,13 @@ class ExpectedWrap:
 
 @dataclass(frozen=True)
 class PiecesSeen:
-    """What was found of a wrap.
-
-    Attributes:
-        counts: of each piece by its name, how many squares should show, and how many of them were found.
-    """
+    """Number of squares that should show, and that were found, by the piece's name."""
 
     counts: dict[str, tuple[int, int]]
 
     @property
     def is_judged(self) -> bool:
-        """Whether enough of the wrap should show for its absence to be believed."""
+        """Whether enough of the wrap should show to believe its absence."""
         return sum(shown for shown, _ in self.counts.values()) >= LEAST_SQUARES
 
     @property
@@ -98,21 +82,14 @@ class PiecesSeen:
 
     @property
     def missing(self) -> list[str]:
-        """Pieces of which nothing is found where several squares should show."""
+        """Pieces of which several squares should show, and none is found."""
         return [name for name, (shown, found) in self.counts.items() if shown >= LEAST_OF_PIECE and found == 0]
 
 
 def look_for_pieces(image: np.ndarray, wrap: ExpectedWrap, solid: Solid, view: PosedCamera) -> PiecesSeen:
-    """Look for a wrap's squares that face the camera, are in the frame, behind nothing, and wide enough.
-
-    Args:
-        image: (h, w, 3) uint8 sRGB, of the view's size.
-        wrap: of the object.
-        solid: the object in its place.
-        view: of the photograph.
-    """
+    """Look in (h, w, 3) uint8 sRGB of the view's size for squares that face the camera, unhidden and wide enough."""
     counts: dict[str, tuple[int, int]] = {}
-    for square in wrap.squares:  # of each piece the largest first
+    for square in wrap.squares:  # the largest of a piece first
         shown, found = counts.get(square.at, (0, 0))
         if shown == MOST_LOOKED_AT or not is_clear(square, view):
             continue
@@ -124,13 +101,10 @@ def look_for_pieces(image: np.ndarray, wrap: ExpectedWrap, solid: Solid, view: P
 
 
 def check_pieces(seen: PiecesSeen, wrap: ExpectedWrap, variant: str) -> GateResult:
-    """Count the pieces that are missing of a wrap that belongs on the object, where enough of it should show."""
+    """Count the missing pieces of a wrap that belongs on the object, if enough of it should show."""
     if not seen.is_on:
-        return VARIANT.judge(
-            1,
-            f"the wrap '{wrap.name}' is not seen, '{variant}' should show it: stick it on, uncover it, or sort the "
-            "photo anew",
-        )
+        missing = f"the wrap '{wrap.name}' is not seen, '{variant}' should show it"
+        return VARIANT.judge(1, f"{missing}: stick it on, uncover it, or sort the photo again")
     if not seen.missing:
         return VARIANT.judge(0)
     numbers = " and ".join(name.removeprefix("piece ") for name in seen.missing)
@@ -139,21 +113,16 @@ def check_pieces(seen: PiecesSeen, wrap: ExpectedWrap, variant: str) -> GateResu
 
 
 def cut_squares(mesh: Mesh, wrap: Wrap, canvas: np.ndarray) -> tuple[Square, ...]:
-    """The largest squares on each piece, one beside the other, upright on the canvas.
-
-    Args:
-        mesh: the object that the wrap was planned for.
-        wrap: its plan.
-        canvas: (n, n, 3) uint8 sRGB, row 0 is v = 1.
-    """
+    """Cut the largest squares out of each piece, side by side, upright on the canvas (n, n, 3) uint8 sRGB, v up."""
     record = wrap.record
     largest_px = LARGEST_SHARE * float(mesh.size_mm.max()) / record.texel_mm
     squares = []
     for piece, at in zip(wrap.pieces, record.pieces, strict=True):
+        # texels of the piece; the largest free square is cut out again and again
         uv = (np.array(at.origin_px) + piece.flat_mm / record.texel_mm) / record.n_px
         free = np.pad(cover_texels(uv.astype(np.float32), record.n_px).astype(np.uint8), 1)
         for _ in range(MOST_SQUARES):
-            # a texel's chessboard distance from what is not free: half of the side of the square round it
+            # a texel's chessboard distance from the nearest texel in use: half of the side of the square round it
             reach = np.minimum(cv2.distanceTransform(free, cv2.DIST_C, 3), (largest_px + 1) // 2)
             row, column = np.unravel_index(int(reach.argmax()), reach.shape)
             half = int(reach[row, column]) - 1
@@ -162,6 +131,7 @@ def cut_squares(mesh: Mesh, wrap: Wrap, canvas: np.ndarray) -> tuple[Square, ...
                 break
             free[row - half : row + half + 1, column - half : column + half + 1] = 0
             top, left = int(row) - half - 1, int(column) - half - 1  # less one for the padding
+            # cells and corners of the square on the flat piece, then on the object
             corner_mm = (np.array([left, record.n_px - top]) - at.origin_px) * record.texel_mm
             places = corner_mm + np.concatenate([cell_centres(CELLS), UNIT_CORNERS]) * [1, -1] * side * record.texel_mm
             points, outward = _find_on_surface(mesh, piece, places)
@@ -173,13 +143,14 @@ def cut_squares(mesh: Mesh, wrap: Wrap, canvas: np.ndarray) -> tuple[Square, ...
 
 
 def _find_on_surface(mesh: Mesh, piece: FlatPiece, places_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3) points of the object, and its normals there, of places (n, 2) on a flat piece."""
+    """(n, 3) points of the object, and its normals there, for places (n, 2) on a flat piece."""
     corners = mesh.vertices[mesh.faces[piece.faces]].astype(np.float64)
     sides = piece.flat_mm[:, 1:] - piece.flat_mm[:, :1]
     solid = np.abs(np.linalg.det(sides)) > 1e-9
     corners, origin, back = corners[solid], piece.flat_mm[solid, 0], np.linalg.inv(sides[solid])
     points, normals = np.zeros((2, len(places_mm), 3))
     for row, place in enumerate(places_mm):
+        # barycentric coordinates of the place in every triangle
         second, third = np.einsum("ki,kij->jk", place - origin, back)
         weights = np.stack([1 - second - third, second, third], axis=1)
         best = int(weights.min(axis=1).argmax())  # the triangle that holds the place, or the nearest to it

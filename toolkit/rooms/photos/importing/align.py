@@ -1,9 +1,8 @@
-"""Photographs of a shot list with gaps: each is laid on a shot so that the order is kept, by what the pictures show.
+"""Photographs of a shot list with gaps: each is assigned to a shot, in order, by what the pictures show.
 
-A missing or surplus photograph shifts all that come after it. So every photograph is compared with the
-shots that it may be: by the board, the name, the patch that is seen on the object, and the likeness to renders. The
-cheapest way to lay them on the list is found by dynamic programming (Needleman and Wunsch, 1970), and a photograph
-counts as placed only where every way that puts it elsewhere, or leaves it out, is dearer by `SURE`.
+A missing or surplus photograph shifts all that come after it. So every photograph is compared with its possible shots:
+by the board, the name, the patch on the object, and the likeness to renders. Dynamic programming (Needleman and Wunsch,
+1970) finds the cheapest assignment. A photograph is placed if every other place, or none, is dearer by `SURE`.
 """
 
 from collections.abc import Sequence
@@ -35,21 +34,21 @@ from toolkit.rooms.photos.prints.find import SearchedPhoto, find_patch, search_p
 from toolkit.rooms.photos.shot_order import ShotStep
 
 WRONG = 6.0
-"""Cost of what speaks against a shot plainly: another name, a patch that does not belong there, a board far off. All
-costs are negative logarithms of likelihoods: a difference of 1 makes one way e times as likely as another."""
+"""Cost of plain evidence against a shot: another name, a wrong patch, a board far off. All costs are negative
+logarithms of likelihoods: a difference of 1 is a factor of e."""
 LIKE = 100.0
-"""Cost of a likeness to a shot's render that is less by 1. In 12 rehearsed shots of racer and coffeepot, the
-correct of two neighbours leads by 0.32 and 0.14 on average, with a standard deviation of 0.065 and 0.053. For normal
-distributions on both sides of 0, twice the mean over the variance is 150 and 100."""
+"""Cost of a likeness to a shot's render that is less by 1. In rehearsed shots of racer and coffeepot, the correct
+neighbour leads by 0.32 ± 0.065 and 0.14 ± 0.053. For normal distributions, the cost is twice the mean over the
+variance: 150 and 100."""
 SURE = 4.0
-"""How much dearer every other way must be that has a photograph elsewhere: it is then a fiftieth as likely. At 3
-pictures of nothing were placed by likenesses that differ by 0.034."""
+"""Lead in cost over every other place of a photograph: these are a fiftieth as likely. At 3, pictures without an object
+were placed by likenesses that differ by 0.034."""
 DEG = 0.4
 """Cost of a degree between the camera that the board shows and the pose: 15° are `WRONG`."""
 TURN_DEG, SHAPE = 10.0, 0.1
-"""Corners in which a patch is seen may be turned by so much against those from the pose, and be out of shape by this
-share of their distance, before it costs. Beyond, costs grow slowly, as a Cauchy distribution's do. A sheet bent
-round an edge is off by 10 to 27° and 0.2 at its own pose. At other poses it is off by 20 to 130° and 0.3 to 1."""
+"""Tolerances of a patch's corners against those from the pose: their turn, and their misfit as a share of their
+distance. Beyond, costs grow slowly, as a Cauchy distribution's do. A sheet bent round an edge is off by 10 to 27° and
+0.2 at its own pose, by 20 to 130° and more at others."""
 UNSEEN = 2.0
 """Cost of a patch that should be there and is not seen: it may be turned away."""
 EXTRA = 7.0
@@ -66,8 +65,7 @@ MOST_SHOTS = 60
 def align_shots(costs: np.ndarray) -> list[tuple[int, ...]]:
     """Return for each of n photographs, in order, its possible shots with `NO_SHOT`; a single shot if it is sure.
 
-    Args:
-        costs: (n, m) of photograph i being shot j, m shots in order; infinite where it cannot be.
+    `costs` (n, m) are of photograph i being shot j, infinite where it cannot be.
     """
     n, m = costs.shape
     # the cheapest way through (i, j) is the cheapest up to it plus the cheapest from it on, found backwards
@@ -95,7 +93,7 @@ def _accumulate(costs: np.ndarray) -> np.ndarray:
 
 
 class Clues:
-    """What the pictures say of the shots that they may be; renders and patches are made ready once."""
+    """Compares pictures with the shots that they may be; renders and patches are made ready once."""
 
     def __init__(self, workspace: Workspace, plan: CapturePlan, matcher: RenderMatcher) -> None:
         self._workspace, self._plan, self._matcher = workspace, plan, matcher
@@ -103,7 +101,7 @@ class Clues:
         self._patches: dict[Group, tuple[np.ndarray, list[np.ndarray]] | None] = {}
 
     def weigh(self, item: Evidence, shots: Sequence[CaptureKey]) -> np.ndarray:
-        """(m,) cost of a photograph being each of the shots; 0 for all where nothing speaks."""
+        """(m,) cost of a photograph being each of the shots; 0 for all without evidence."""
         costs = np.zeros(len(shots))
         if item.unusable is not None:
             return costs
@@ -120,11 +118,11 @@ class Clues:
             if item.located is None and len(shots) <= MOST_SHOTS:
                 costs += self._weigh_likeness(item, shots, groups)
         except UnreadableImage:
-            pass  # storing it says so
+            pass  # storing it reports the fault
         return costs
 
     def _weigh_objects(self, item: Evidence, shots: Sequence[CaptureKey]) -> np.ndarray:
-        """A photograph that plainly shows another object is no shot of this object, but surplus."""
+        """Cost of a photograph that plainly shows another object: it is surplus."""
         pixels = load_pixels(item.candidate.photo)
         is_wrong = {name: self._known.check(pixels, name).failed for name in {shot.object for shot in shots}}
         # dearer than to leave it out: the photograph takes no shot from another photograph
@@ -148,7 +146,7 @@ class Clues:
         return np.minimum(LIKE * (np.nanmax(found) - np.nan_to_num(found, nan=-1)), WRONG)
 
     def _weigh_patches(self, item: Evidence, shots: Sequence[CaptureKey], groups: Sequence[Group]) -> np.ndarray:
-        """A patch that is seen is no other variant's, and lies as from its pose; an unseen patch may be turned away."""
+        """Cost of another variant's patch, or of a patch that lies otherwise than from its pose, or is not seen."""
         photo: SearchedPhoto | None = None
         seen: dict[Group, np.ndarray | None] = {}
         for group in groups:
@@ -164,7 +162,7 @@ class Clues:
         return np.array([self._compare_corners(shot, seen.get((shot.object, shot.variant))) for shot in shots])
 
     def _weigh_wraps(self, item: Evidence, shots: Sequence[CaptureKey], view: PosedCamera) -> np.ndarray:
-        """By the board it is known where a wrap's pieces would show: seen or not, it is told from a bare object."""
+        """Cost of a wrap that is missing, or should not be there; the board gives the places of its pieces."""
         is_on: dict[str, bool] = {}
         for name in {shot.object for shot in shots if shot.variant == WRAP.variant}:
             expected = self._expecter.expect(name, WRAP.variant)
@@ -200,36 +198,31 @@ class Clues:
                     sheets = booster.sheets(item)
                     self._patches[group] = booster.pixels, [place_cells(sheet).corners_mm for sheet in sheets]
             except ToolkitError:
-                pass  # an object without its patch: nothing to look for
+                pass  # an object without its patch
         return self._patches[group]
 
 
-def rate_corners(one_px: np.ndarray, other_px: np.ndarray) -> float:
-    """What it costs that corners (4, 2) lie so, and not as others: of their turn, and of what then is left."""
-    turn_deg, off = _compare_shapes(one_px, other_px)
-    # log(1 + x²): about squared within the tolerance, and slow beyond, as a Cauchy distribution has it
-    return float(np.log1p((turn_deg / TURN_DEG) ** 2) + np.log1p((off / SHAPE) ** 2))
+def rate_corners(first_px: np.ndarray, other_px: np.ndarray) -> float:
+    """Cost of corners (4, 2) that should lie as others: of their turn, and of the misfit that is left.
 
-
-def _compare_shapes(one_px: np.ndarray, other_px: np.ndarray) -> tuple[float, float]:
-    """Degrees by which corners (4, 2) are turned against others, and what then is left, in mean distances of a corner.
-
-    Place and size are taken out: least squares over similarities (Umeyama, 1991).
+    Place and size are eliminated: least squares over similarities (Umeyama, 1991).
     """
-    # corners as complex numbers: a turn is then one factor
-    first, other = (corners[:, 0] + 1j * corners[:, 1] for corners in (one_px, other_px))
+    # corners as complex numbers: a turn is then a factor
+    first, other = (corners[:, 0] + 1j * corners[:, 1] for corners in (first_px, other_px))
     first, other = first - first.mean(), other - other.mean()
     first, other = first / max(np.abs(first).mean(), 1e-9), other / max(np.abs(other).mean(), 1e-9)
     # the least-squares turn of two centred shapes is the angle of their inner product
     turn = np.angle((first * other.conj()).sum())
-    return abs(float(np.degrees(turn))), float(np.sqrt((np.abs(first - other * np.exp(1j * turn)) ** 2).mean()))
+    off = np.sqrt((np.abs(first - other * np.exp(1j * turn)) ** 2).mean())
+    # log(1 + x²): about squared within the tolerance, and slow beyond, as a Cauchy distribution has it
+    return float(np.log1p((np.degrees(turn) / TURN_DEG) ** 2) + np.log1p((off / SHAPE) ** 2))
 
 
 def place_with_gaps(
     evidence: Sequence[Evidence], plan: CapturePlan, steps: Sequence[ShotStep], index: SourceIndex, clues: Clues,
     again: bool = False,
 ) -> list[Evidence]:  # fmt: skip
-    """The evidence, those placed whose order says nothing only because photographs are missing or too many.
+    """Place photographs whose order fails only because photographs are missing or too many.
 
     Shots that have an image are no gaps, unless `again`.
     """
@@ -240,7 +233,10 @@ def place_with_gaps(
         if item.ordered is None and item.no_order and (item.no_order != NOT_FOLLOWED or taken):
             parts.setdefault(item.group, []).append(i)
     for group, members in parts.items():
-        shots = _list_shots(group, plan, steps)
+        shots = [CaptureKey(step.object, step.variant, step.pose_id) for step in steps]
+        if group is not None:
+            own = [shot for shot in shots if (shot.object, shot.variant) == group]
+            shots = own or [CaptureKey(*group, pose.id) for pose in plan.objects[group[0]]]
         shots = [shot for shot in shots if (shot.object, shot.variant, shot.pose_id) not in taken]
         if not shots or not members:
             continue
@@ -254,17 +250,8 @@ def place_with_gaps(
     return every
 
 
-def _list_shots(group: Group | None, plan: CapturePlan, steps: Sequence[ShotStep]) -> list[CaptureKey]:
-    shots = [CaptureKey(step.object, step.variant, step.pose_id) for step in steps]
-    if group is None:
-        return shots
-    return [shot for shot in shots if (shot.object, shot.variant) == group] or [
-        CaptureKey(*group, pose.id) for pose in plan.objects[group[0]]
-    ]
-
-
 def _weigh_all(every: Sequence[Evidence], members: Sequence[int], shots: list[CaptureKey], clues: Clues) -> np.ndarray:
-    """(n, m) costs, infinite for shots that are further on, or back, than so many gaps allow."""
+    """(n, m) costs, infinite for shots that are farther on, or back, than the number of gaps allows."""
     n, m = len(members), len(shots)
     costs = np.full((n, m), np.inf)
     with progress("comparing with the shot list", n) as bar:

@@ -1,4 +1,4 @@
-"""What speaks for the object, variant and pose of a photograph: folder and file name, order of shooting, board."""
+"""Evidence of a photograph's object, variant and pose: folder and file name, order of shooting, board."""
 
 import re
 from collections import Counter
@@ -23,31 +23,27 @@ from toolkit.rooms.photos.posed_camera import PosedCamera
 from toolkit.rooms.photos.shot_order import ShotStep
 
 FOLLOWED_SHARE = 0.75
-"""Share of the photographs with a board or a telling name that must agree with the order before it is believed."""
+"""Share of the photographs with a board or a pose's name that must agree with the order."""
 NOT_FOLLOWED = "by their boards, names or likeness to renders, the photographs were not taken in this order"
 EXCHANGED = 0.1
-"""Gain in likeness by which photographs that changed places are told. In 144 rehearsed shots of the four built-in
-objects none was told falsely; of two neighbours that were exchanged, 101 of 102 pairs were told, and 24 of 34 of the
-eggnog, whose sides are alike."""
+"""Gain in likeness from which photographs count as exchanged. 144 rehearsed shots of the built-in objects had no false
+alarm. Of exchanged neighbours, 101 of 102 pairs were found, but 24 of 34 of the eggnog, whose sides are alike."""
 Group = tuple[str, str]
 """Object and variant."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """A photograph, and what is known of it before a pose is chosen.
+    """A photograph, and the evidence for its pose.
 
     Attributes:
-        candidate: the photograph.
         group: object and variant, from the settings or from folder and file names.
         named: the pose in the file's name, if names are to be believed here.
-        ordered: what its place in the order of shooting says.
-        located: where the board says the camera stood.
-        between: shots that it may be, where the order has gaps and does not say which.
-        is_compared: whether what the order says was compared with renders.
-        looks: the pose that it looks like, where that is another than its order says.
-        no_board: why there is no `located`.
-        no_order: why there is no `ordered`; empty if there is one.
+        ordered: the shot at its place in the order of shooting, or `no_order` says why not.
+        located: the camera by the board, or `no_board` says why not.
+        between: shots that it may be, if the order has gaps.
+        is_compared: whether the ordered pose was compared with renders.
+        looks: the pose that it looks like, if that is not the ordered pose.
         unusable: why it cannot be imported at all.
     """
 
@@ -64,7 +60,7 @@ class Evidence:
     unusable: str | None = None
 
     def find_group(self) -> Group | None:
-        """Object and variant as said, else as the order has them."""
+        """Object and variant by settings and names, else by the order."""
         return self.group or ((self.ordered.object, self.ordered.variant) if self.ordered else None)
 
 
@@ -76,15 +72,12 @@ def collect_evidence(
     candidates: Sequence[Candidate], plan: CapturePlan, steps: Sequence[ShotStep], index: SourceIndex,
     settings: ImportSettings, locate: Locate, rank: Rank,
 ) -> list[Evidence]:  # fmt: skip
-    """Everything but the decision, for the photographs that were not imported before.
-
-    Those that were still count for the order: it is of all that were taken.
-
-    Candidates are in the order in which they were taken.
+    """Collect the evidence of new photographs; `candidates` are all, in the order in which they were taken.
 
     Raises:
-        ToolkitError: nothing says which object and variant the photographs show.
+        ToolkitError: nothing names the object and variant that the photographs show.
     """
+    # object and variant by settings, folders and names; the shot list places the others
     every = _find_groups(candidates, plan, steps, index, settings)
     ungrouped = [i for i, item in enumerate(every) if item.group is None and item.unusable is None]
     ungrouped = [i for i in ungrouped if candidates[i].photo.identity not in index.replaced]
@@ -92,11 +85,14 @@ def collect_evidence(
     if not steps and new and not any(item.group or item.unusable for item in every):
         raise FieldError(
             "nothing says what the photographs show: give {object} and {variant}, sort them into folders "
-            "OBJECT/VARIANT, or write a shot list with 'toolkit plan --shot-list' and follow it",
-            {},
-        )
-    groups = _list_members(every)
+            "OBJECT/VARIANT, or write a shot list with 'toolkit plan --shot-list' and follow it", {},
+        )  # fmt: skip
+    groups: dict[Group, list[int]] = {}
+    for i, item in enumerate(every):
+        if item.group is not None:
+            groups.setdefault(item.group, []).append(i)
     _match_orders(every, groups, ungrouped, plan, steps, settings=settings)
+    # cameras by the board
     waiting = [i for i in new if every[i].unusable is None]
     with progress("finding the board", len(waiting)) as bar:
         for i in waiting:
@@ -110,7 +106,7 @@ def collect_evidence(
     if settings.match in ("auto", "order"):
         compare_with_renders(every, waiting, rank)
     if settings.match == "auto":
-        # names and boards show that nobody kept the order: then it says nothing of those without either, too
+        # if names and boards contradict the order, it does not hold for photographs without either
         for part in (*groups.values(), ungrouped):
             known = [i for i in part if i in set(new)]
             if not is_followed([every[i] for i in known], plan):
@@ -123,7 +119,7 @@ def _find_groups(
     candidates: Sequence[Candidate], plan: CapturePlan, steps: Sequence[ShotStep], index: SourceIndex,
     settings: ImportSettings,
 ) -> list[Evidence]:  # fmt: skip
-    """The photographs with their groups, or why they cannot be imported."""
+    """Return the photographs with their groups, or why they cannot be imported."""
     variants = {*VARIANTS, *(step.variant for step in steps), *([settings.variant] if settings.variant else [])}
     every = []
     for candidate in candidates:
@@ -131,7 +127,7 @@ def _find_groups(
         if candidate.photo.identity not in index.replaced:
             record = index.current.get(candidate.photo.identity)
             found = find_group(candidate, plan.objects, variants, (settings.object, settings.variant))
-            # what was imported to elsewhere is no part of this group's order
+            # a photograph that was imported elsewhere is no part of this group's order
             if isinstance(found, tuple) and (record is None or found == (record.object, record.variant)):
                 group = found
             elif isinstance(found, str) and record is None:
@@ -140,20 +136,11 @@ def _find_groups(
     return every
 
 
-def _list_members(every: Sequence[Evidence]) -> dict[Group, list[int]]:
-    """Indices of the photographs of each group, in order."""
-    members: dict[Group, list[int]] = {}
-    for i, item in enumerate(every):
-        if item.group is not None:
-            members.setdefault(item.group, []).append(i)
-    return members
-
-
 def _match_orders(
     every: list[Evidence], groups: Mapping[Group, list[int]], ungrouped: list[int], plan: CapturePlan,
     steps: Sequence[ShotStep], settings: ImportSettings,
 ) -> None:  # fmt: skip
-    """Add to each photograph what the order of shooting and the name in its file say."""
+    """Add to each photograph the evidence of the order of shooting and of its file name."""
 
     def take(indices: list[int], found: list[CaptureKey] | str) -> None:
         for at, i in enumerate(indices):
@@ -173,7 +160,7 @@ def _match_orders(
 
 
 def is_followed(evidence: Sequence[Evidence], plan: CapturePlan) -> bool:
-    """Whether photographs follow the order of shooting, by boards, names and renders; yes where none says anything."""
+    """Whether photographs follow the order of shooting, by boards, names and renders; True without any of these."""
     agreements = []
     for item in evidence:
         if item.ordered is None:
@@ -189,11 +176,10 @@ def is_followed(evidence: Sequence[Evidence], plan: CapturePlan) -> bool:
 
 
 def compare_with_renders(every: list[Evidence], chosen: Sequence[int], rank: Rank) -> None:
-    """Check what the order alone says: add the pose that each photograph looks like, if it differs.
+    """Check poses that rest on the order alone: add the pose that each photograph looks like, if it differs.
 
-    The photographs of an object's variant are laid on the poses that the order gives them, each on one, so that they
-    look most like its render (an assignment problem). Where that exchanges photographs and gains `EXCHANGED` or more,
-    these look like other poses.
+    The photographs of an object's variant are assigned to its ordered poses by their likeness to renders. They look
+    like other poses if that exchanges photographs and gains `EXCHANGED` or more.
     """
     groups: dict[Group, list[int]] = {}
     for i in chosen:
@@ -202,6 +188,7 @@ def compare_with_renders(every: list[Evidence], chosen: Sequence[int], rank: Ran
             groups.setdefault((item.ordered.object, item.ordered.variant), []).append(i)
     with progress("comparing with renders", sum(map(len, groups.values()))) as bar:
         for group, members in groups.items():
+            # likeness of each photograph to each ordered pose; unlike photographs do not count
             found = {i: _rank_poses(every[i], group, rank, bar) for i in members}
             seen = [i for i in members if found[i] and max(found[i].values()) >= LEAST_SCORE]
             poses = [item.ordered.pose_id for i in seen if (item := every[i]).ordered is not None]
@@ -213,17 +200,16 @@ def compare_with_renders(every: list[Evidence], chosen: Sequence[int], rank: Ran
 def _rank_poses(item: Evidence, group: Group, rank: Rank, bar: Ticker) -> dict[int, float]:
     """Likeness to the render of each pose; empty if there is none."""
     bar.advance(note=item.candidate.label)
-    with suppress(UnreadableImage):  # storing it says so
+    with suppress(UnreadableImage):  # storing it reports the fault
         ranked = rank(item, group)
         return {} if isinstance(ranked, str) else dict(ranked.ranking)
     return {}
 
 
 def find_exchanged(scores: np.ndarray) -> list[int | None]:
-    """For each of n photographs the place whose render it looks like, None where that is its own.
+    """Return for each of n photographs the place whose render it looks like, None for its own.
 
-    Args:
-        scores: (n, n) likeness of photograph i to the render at the place of photograph j.
+    `scores` (n, n) are the likeness of photograph i to the render at the place of photograph j.
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -231,6 +217,7 @@ def find_exchanged(scores: np.ndarray) -> list[int | None]:
     found: list[int | None] = [None] * n
     if n == 0:
         return found
+    # the assignment of photographs to places with the largest sum of likenesses
     best = linear_sum_assignment(scores, maximize=True)[1]
     for start in range(n):
         # a permutation is cycles: photographs that changed places among themselves
@@ -244,7 +231,7 @@ def find_exchanged(scores: np.ndarray) -> list[int | None]:
 
 
 def possible_poses(match: PoseMatch) -> tuple[int, ...]:
-    """The poses that a camera may have been meant for: the nearest, and the next where it is about as near."""
+    """Return the poses that a camera may have been meant for: the nearest, and the next if it is about as near."""
     if match.ambiguous and match.runner_up is not None:
         return match.pose_id, match.runner_up
     return (match.pose_id,)
@@ -253,12 +240,12 @@ def possible_poses(match: PoseMatch) -> tuple[int, ...]:
 def find_group(
     candidate: Candidate, objects: Collection[str], variants: Collection[str], forced: tuple[str | None, str | None]
 ) -> Group | str | None:  # fmt: skip
-    """Object and variant of a photograph.
+    """Return object and variant of a photograph, by its folders and name, as racer/patched/IMG_1.jpg, and the settings.
 
     Args:
-        candidate: whose folders and file name may hold them, as in racer/patched/IMG_1.jpg or racer_patched_07.jpg.
+        candidate: the photograph.
         objects, variants: known names.
-        forced: object and variant from the settings, None where they name none.
+        forced: object and variant from the settings, or None.
 
     Returns:
         (object, variant); None if either is unknown; a sentence if the settings and the names disagree.
@@ -266,32 +253,26 @@ def find_group(
     words = [*candidate.folders, *re.split(r"[\s_.]+", candidate.photo.path.stem)]
     group = []
     for kind, known, said in (("object", objects, forced[0]), ("variant", variants, forced[1])):
-        # the innermost folder, or the file's own name, says it best
+        # the innermost folder, or the file's own name, comes first
         named = next((word for word in reversed(words) if word in known), None)
         if said and named and named != said:
-            return f"its name or folder says {kind} '{named}', the command says '{said}'"
+            return f"its name or folder names the {kind} '{named}', the command '{said}'"
         group.append(said or named)
     return (group[0], group[1]) if group[0] and group[1] else None
 
 
 def read_named_poses(candidates: Sequence[Candidate], pose_ids: Collection[int], always: bool) -> list[int | None]:
-    """The pose in each name, where names are to be believed.
+    """Return the pose in each name, if names are to be believed.
 
-    A camera's own counter (IMG_0007) says nothing of poses. A number counts after the word `pose`; otherwise only when
-    the numbers of all names together are the plan's poses, each once.
-
-    Args:
-        candidates: of an object and variant.
-        pose_ids: of the plan.
-        always: believe every number that is a pose of the plan, as `match` = `name` asks for.
+    A camera's own counter (IMG_0007) tells nothing about poses. A number counts after the word `pose`; otherwise only
+    if the numbers of all names are the plan's poses, each once. `always` believes every number that is a pose.
     """
-    numbers = [
-        read_pose_id(candidate.photo.path.name) if candidate.photo.frame is None else None for candidate in candidates
-    ]
+    photos = [candidate.photo for candidate in candidates]
+    numbers = [read_pose_id(photo.path.name) if photo.frame is None else None for photo in photos]
     whole = Counter(numbers) == Counter(pose_ids)
     believed: list[int | None] = []
-    for photograph, number in zip(candidates, numbers, strict=True):
-        said = always or whole or re.search(r"pose[\s_-]*\d", photograph.photo.path.stem, re.IGNORECASE) is not None
+    for photo, number in zip(photos, numbers, strict=True):
+        said = always or whole or re.search(r"pose[\s_-]*\d", photo.path.stem, re.IGNORECASE) is not None
         believed.append(number if said and number in pose_ids else None)
     return believed
 
@@ -299,12 +280,9 @@ def read_named_poses(candidates: Sequence[Candidate], pose_ids: Collection[int],
 def match_group_order(
     count: int, group: Group, plan: CapturePlan, steps: Sequence[ShotStep]
 ) -> list[CaptureKey] | str:  # fmt: skip
-    """What `count` photographs of an object and variant show if they follow the order of shooting.
+    """Return the shots of `count` photographs of an object and variant by the shot list, else by the plan.
 
-    That is the shot list's, where it has them, else the plan's.
-
-    Returns:
-        One key per photograph, or why the order says nothing.
+    The result is a key per photograph, or why the order does not tell.
     """
     pose_ids = [step.pose_id for step in steps if (step.object, step.variant) == group]
     source = "the shot list" if pose_ids else "the plan"
@@ -315,15 +293,9 @@ def match_group_order(
 
 
 def match_session_order(count: int, steps: Sequence[ShotStep], first: int | None) -> list[CaptureKey] | str:
-    """What `count` photographs show if they follow the shot list.
+    """Return the shots of `count` photographs without a group by the shot list, as `match_group_order`.
 
-    Args:
-        count: of photographs that neither the settings nor their names put into a group.
-        steps: the shot list.
-        first: number of the first photograph's shot, if the list was shot in parts; None: they are the whole list.
-
-    Returns:
-        One key per photograph, or why the order says nothing.
+    `first` is the number of the first photograph's shot, if the list was shot in parts.
     """
     if first is None and count != len(steps):
         return (

@@ -1,4 +1,4 @@
-"""The photographs to import, each once, in the order in which they were taken; and what was imported before."""
+"""Photographs to import, each once, in the order in which they were taken; and photographs imported before."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -27,7 +27,7 @@ from toolkit.rooms.photos.photo import (
 from toolkit.rooms.photos.video import VIDEO_SUFFIXES, pick_frames, read_video
 
 LIVE_PHOTO_S = 5.0
-"""A video no longer than this beside a photograph of the same name is what a phone records around it."""
+"""Longest film of a live photo: a video beside a photograph of the same name."""
 COMPANION_RANK = {"heif": 0, "jpeg": 1, "tiff": 2, "png": 3, "webp": 4, "avif": 5, "bmp": 6, "gif": 7, "dng": 8}
 
 
@@ -36,9 +36,8 @@ class Candidate:
     """A photograph that may be imported.
 
     Attributes:
-        photo: it.
-        label: how it is called in messages: its path below the folder that was given.
-        folders: names of the folders between that folder and the file, that folder's own first.
+        label: its path below the given folder, for messages.
+        folders: names of the folders that hold it, from the given folder down.
     """
 
     photo: Photo
@@ -48,15 +47,13 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Gathered:
-    """What was found.
+    """Photographs in the order in which they were taken, and files that are left out.
 
     Attributes:
-        candidates: in the order in which they were taken.
         by_time: whether that order is the camera's time, and not the order of names.
-        duplicates: (label, reason) of photographs that are here twice.
-        kept: label of the photograph that is kept, by the label of a duplicate.
-        unreadable: (label, reason) of photographs that cannot be used.
+        duplicates, unreadable: (label, reason).
         others: names of files that are no photographs.
+        kept: label of the photograph that is kept, by the label of a duplicate.
     """
 
     candidates: tuple[Candidate, ...]
@@ -67,7 +64,7 @@ class Gathered:
     kept: dict[str, str] = field(default_factory=dict)
 
     def find_ties(self) -> list[tuple[str, ...]]:
-        """Labels of photographs that carry one time, so that their names order them."""
+        """Labels of photographs with equal times, so that their names order them."""
         tied: dict[object, list[str]] = {}
         for candidate in self.candidates:
             taken = candidate.photo.taken
@@ -77,11 +74,7 @@ class Gathered:
 
 
 def gather_photos(paths: Sequence[Path], every_s: float | None = None) -> Gathered:
-    """Read what the photographs in folders and single files say of themselves; videos become frames.
-
-    Args:
-        paths: folders, photographs, videos.
-        every_s: as in `pick_frames`.
+    """Describe the photographs in folders and single files; videos become frames, as `pick_frames` takes them.
 
     Raises:
         ToolkitError: a path does not exist, or none of them holds a photograph.
@@ -90,7 +83,7 @@ def gather_photos(paths: Sequence[Path], every_s: float | None = None) -> Gather
     if not listed and not unreadable:
         named = ", ".join(str(path) for path in paths)
         raise ToolkitError(f"{named}: holds no photographs: expected JPEG, HEIC, PNG, TIFF, WebP, DNG or video files")
-    # equal bytes are the same photograph, whatever the file's name
+    # equal bytes are the same photograph under any name
     found: list[Candidate] = []
     duplicates: list[tuple[str, str]] = []
     kept: dict[str, str] = {}
@@ -129,13 +122,10 @@ LeftOut = tuple[str, str, str]
 
 
 def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[LeftOut]]:
-    """Leave out what a camera stored beside a photograph of the same shot.
+    """Leave out files that a camera stored beside a photograph of the same shot; returns the rest, and those left out.
 
-    Files of one name (IMG_1.HEIC, IMG_1.JPG, IMG_1.DNG, IMG_1.MOV) in one folder are one shot when they were taken at
-    the same moment, or when a file is the short film of a live photo.
-
-    Returns:
-        The rest, and those left out.
+    Files of the same name in a folder (IMG_1.HEIC, IMG_1.DNG, IMG_1.MOV) are the same shot if they have the same time,
+    or if the video is the short film of a live photo.
     """
     groups: dict[tuple[Path, str], list[Candidate]] = {}
     for candidate in candidates:
@@ -150,22 +140,21 @@ def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], l
             if not stills or companion is stills[0]:
                 continue
             best = stills[0]
+            why = ""
             if companion.photo.kind == "video" and _is_live(companion.photo):
-                dropped[id(companion)] = companion.label, best.label, f"the film of the live photo {best.label}"
+                why = f"the film of the live photo {best.label}"
             # the same name alone is not enough: counters of cameras start again at 1
             elif companion.photo.taken is not None and companion.photo.taken == best.photo.taken:
-                dropped[id(companion)] = (
-                    companion.label,
-                    best.label,
-                    f"the same shot as {best.label}, in another format",
-                )
+                why = f"the same shot as {best.label}, in another format"
+            if why:
+                dropped[id(companion)] = companion.label, best.label, why
     return _leave_out(candidates, dropped)
 
 
 def drop_twins(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[LeftOut]]:
-    """Leave out what was saved once more: IMG_1.png or `IMG_1 copy.jpg` with the pixels of IMG_1.jpg beside it.
+    """Leave out copies: IMG_1.png or `IMG_1 copy.jpg` with the pixels of IMG_1.jpg beside it.
 
-    Only these names are compared: from a tripod, pictures of other variants may look the same.
+    Only such names are compared: from a tripod, pictures of other variants may look the same.
     """
     groups: dict[tuple[Path, str], list[Candidate]] = {}
     for candidate in candidates:
@@ -178,13 +167,7 @@ def drop_twins(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[L
 
     dropped: dict[int, LeftOut] = {}
     for group in groups.values():
-        group.sort(
-            key=lambda candidate: (
-                bool(find_tail(candidate)),
-                COMPANION_RANK.get(candidate.photo.kind, 9),
-                _name_key(candidate),
-            )
-        )
+        group.sort(key=lambda c: (bool(find_tail(c)), COMPANION_RANK.get(c.photo.kind, 9), _name_key(c)))
         kept: list[Candidate] = []
         for twin in group:
             beside = [other for other in kept if find_tail(other) in ("", find_tail(twin))]
@@ -193,7 +176,7 @@ def drop_twins(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[L
                 kept.append(twin)
             else:
                 best = beside[number].label
-                dropped[id(twin)] = twin.label, best, f"a copy of {best}: one photograph counts once"
+                dropped[id(twin)] = twin.label, best, f"a copy of {best}: the same photograph counts once"
     return _leave_out(candidates, dropped)
 
 
@@ -203,7 +186,7 @@ def _leave_out(candidates: Sequence[Candidate], dropped: dict[int, LeftOut]) -> 
 
 
 def sort_by_time(candidates: Sequence[Candidate]) -> tuple[list[Candidate], bool]:
-    """Candidates as they were taken, and whether the camera's times say so; by name if any has no time."""
+    """Sort candidates by the camera's times, or by name if any has no time; also returns whether by time."""
     times = [candidate.photo.taken for candidate in candidates]
     # a photograph without a time could stand anywhere, so times order all or none
     if not times or any(taken is None for taken in times):
@@ -219,10 +202,11 @@ def sort_by_time(candidates: Sequence[Candidate]) -> tuple[list[Candidate], bool
     return sorted(candidates, key=moment), True
 
 
-def _list_all(
-    paths: Sequence[Path],
-) -> tuple[list[tuple[Path, str, tuple[str, ...]]], list[tuple[str, str]], list[str]]:
-    listed: list[tuple[Path, str, tuple[str, ...]]] = []
+Listed = list[tuple[Path, str, tuple[str, ...]]]
+
+
+def _list_all(paths: Sequence[Path]) -> tuple[Listed, list[tuple[str, str]], list[str]]:
+    listed: Listed = []
     unreadable: list[tuple[str, str]] = []
     others: list[str] = []
     for path in map(Path, paths):
@@ -260,13 +244,8 @@ def _take_frames(candidate: Candidate, every_s: float | None) -> Iterable[Candid
         frames = pick_frames(photo.path, every_s)
         facts = read_video(photo.path)
         bar.advance()
-    return [
-        Candidate(
-            replace(photo, frame=frame, taken=facts.taken_at(frame)), f"{candidate.label} frame {frame}",
-            candidate.folders,
-        )
-        for frame in frames
-    ]  # fmt: skip
+    photos = (replace(photo, frame=frame, taken=facts.taken_at(frame)) for frame in frames)
+    return [replace(candidate, photo=photo, label=f"{candidate.label} frame {photo.frame}") for photo in photos]
 
 
 def _is_live(photo: Photo) -> bool:
@@ -281,12 +260,12 @@ def _name_key(candidate: Candidate) -> list[SortKey]:
 
 
 REPLACED = ".replaced"
-"""Folder of photographs that were replaced, below the source's; hidden, so that nothing counts them."""
+"""Folder of replaced photographs below the source's; hidden, so that nothing counts them."""
 
 
 @dataclass(frozen=True)
 class CaptureKey:
-    """The place of an image in a capture folder: an object, a variant, a pose of the plan."""
+    """Place of an image in a capture folder: an object, a variant, a pose of the plan."""
 
     object: str
     variant: str
@@ -298,12 +277,11 @@ class CaptureKey:
 
 @dataclass(frozen=True)
 class SourceIndex:
-    """Photographs of a source.
+    """Photographs in captures/SOURCE.
 
     Attributes:
-        source_dir: captures/SOURCE.
-        current: what lies there now and is whole, by the identity of its original.
-        replaced: what was there before a retake, likewise.
+        current: whole images that lie there now, by the identity of their originals.
+        replaced: images that a retake replaced, likewise.
         records: all current records by path.
     """
 
@@ -314,33 +292,24 @@ class SourceIndex:
 
 
 def index_source(source_dir: Path) -> SourceIndex:
-    """Read what was imported into a source; a file that was deleted or changed since counts as not imported.
+    """Index the imports of a source; a file that was deleted or changed since counts as not imported.
 
-    Lines of replaced images, which a run that was killed may have left, are taken out.
-
-    Raises:
-        ToolkitError: a manifest is broken.
+    Lines of replaced images, which a killed run may leave, are removed. A broken manifest is a `ToolkitError`.
     """
     records = read_manifest(source_dir)
     kept_aside = read_manifest(source_dir / REPLACED).values()
     replaced = {original: record for record in kept_aside if (original := find_original(record))}
-    stale = {
-        path
-        for path, record in records.items()
-        if find_original(record) in replaced and not inside(source_dir, path).is_file()
-    }
+    gone = (path for path, record in records.items() if find_original(record) in replaced)
+    stale = {path for path in gone if not inside(source_dir, path).is_file()}
     drop_records(source_dir, stale)
     records = {path: record for path, record in records.items() if path not in stale}
-    current = {
-        original: record
-        for record in records.values()
-        if (original := find_original(record)) and is_whole(source_dir, record)
-    }
+    whole = (record for record in records.values() if find_original(record) and is_whole(source_dir, record))
+    current = {original: record for record in whole if (original := find_original(record))}
     return SourceIndex(source_dir, current, replaced, records)
 
 
 def find_original(record: CaptureRecord) -> tuple[str, int | None] | None:
-    """The identity of the photograph that a record was imported from; None for images that were not imported."""
+    """Return the identity of the photograph that a record was imported from; None if it was not imported."""
     sha256, frame = record.made.get("original_sha256"), record.made.get("frame")
     return (sha256, frame) if isinstance(sha256, str) and (frame is None or isinstance(frame, int)) else None
 
@@ -352,7 +321,7 @@ def is_whole(source_dir: Path, record: CaptureRecord) -> bool:
 
 
 def find_images(index: SourceIndex, key: CaptureKey) -> list[Path]:
-    """Images that are there for a key, imported or put there by hand."""
+    """List the images that are there for a key, imported or put there by hand."""
     folder = index.source_dir / key.object / key.variant
     if not folder.is_dir():
         return []
@@ -368,16 +337,16 @@ def find_images(index: SourceIndex, key: CaptureKey) -> list[Path]:
 
 
 def describe_imported(index: SourceIndex, photo: Photo) -> str | None:
-    """Where a photograph was imported to before; None where it was not."""
+    """Say to where a photograph was imported before; None if it was not."""
     if record := index.current.get(photo.identity):
         return f"imported before, as {record.path}"
     if record := index.replaced.get(photo.identity):
-        return f"imported before, and replaced by a later one (kept as {REPLACED}/{record.path})"
+        return f"imported before, and replaced by a later photograph (kept as {REPLACED}/{record.path})"
     return None
 
 
 def drop_records(source_dir: Path, paths: set[str]) -> None:
-    """Take the lines of images that are no longer there out of the manifest, which is whole at every moment."""
+    """Remove the lines of images that are no longer there from the manifest, which is whole at every moment."""
     file = source_dir / MANIFEST
     if not paths or not file.is_file():
         return

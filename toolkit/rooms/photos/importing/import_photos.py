@@ -1,6 +1,6 @@
-"""`toolkit import`: from a phone's photographs to a capture folder in which each is known to show what it shows."""
+"""`toolkit import`: from a phone's photographs to a capture folder with object, variant and pose of each."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -16,6 +16,7 @@ from toolkit.core.files import delete_file, inside, real_path
 from toolkit.core.records import hold_folder
 from toolkit.core.text import is_folder_name, list_some
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation.summaries import list_reasons
 from toolkit.imaging.read import UnreadableImage
 from toolkit.rig import PAIR
 from toolkit.rig.plan import CapturePlan, hash_pose, open_plan
@@ -48,11 +49,7 @@ from toolkit.rooms.photos.shot_order import ShotStep, read_shots
 
 
 def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
-    """Check names; returns notes for the user.
-
-    Raises:
-        ToolkitError: an unknown object, or a variant that is a misspelling of a known variant.
-    """
+    """Check names; returns notes for the user. Unknown objects and misspelt variants raise `ToolkitError`."""
     if settings.object is not None:
         workspace.object_spec(settings.object)
     variant = settings.variant
@@ -61,35 +58,28 @@ def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
     if not is_folder_name(variant):
         raise FieldError("expected a name of letters, digits, '-', '_' and '.'", {"variant": variant})
     known = [*VARIANTS, *workspace.patches(), *workspace.textures()]
-    # near a known name but not it: a typing error would make a folder of its own
+    # near a known name: a typing error would make another folder
     if variant not in known and get_close_matches(variant, known, n=1, cutoff=0.8):
         raise one_of("variant", variant, known)
-    return [f"variant '{variant}' is none that the kit knows: nothing is recorded of what is on the object"]
+    return [f"variant '{variant}' is unknown: the record does not name what is on the object"]
 
 
 def refuse_captures(workspace: Workspace, paths: Sequence[Path]) -> None:
-    """Check that no photograph would be imported from the captures themselves.
-
-    Raises:
-        ToolkitError: a path lies in the workspace's captures/, or holds it.
-    """
+    """Raise `ToolkitError` for a path in the workspace's captures/, or for a path that holds them."""
     captures = real_path(workspace.captures_dir)
     for path in paths:
         real = real_path(path)
         if real.is_relative_to(captures) or captures.is_relative_to(real):
-            raise ToolkitError(
-                f"{path} is, holds or lies in {captures}: name the folder that the camera's photos are in"
-            )
+            raise ToolkitError(f"{path} is, holds or lies in {captures}: name the folder with the camera's photos")
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """What there is of an object in one variant.
+    """Photographs of an object in a variant.
 
     Attributes:
-        object, variant: which.
-        imported: photographs that came now.
-        there: poses that have an image.
+        imported: number of new photographs.
+        there: number of poses that have an image.
         missing: poses of the plan that have none.
         mean_error_deg, mean_error_mm: of the cameras that a board located, against their poses; None without.
     """
@@ -107,38 +97,30 @@ def measure_coverage(
     index: SourceIndex, whole: Sequence[CaptureRecord], plan: CapturePlan, imported: Sequence[CaptureRecord],
     name: str | None = None,
 ) -> tuple[Coverage, ...]:  # fmt: skip
-    """Count poses of each object that has images in the source, in each variant that it has and in the pair.
-
-    `name` is an object to count though it has no image.
-    """
-    variants: dict[str, list[str]] = {name: []} if name else {}
+    """Count poses of `name`, and of each object with images in the source, in each of its variants and in the pair."""
+    own: dict[tuple[str, str], list[CaptureRecord]] = defaultdict(list)
     for record in whole:
-        known = variants.setdefault(record.object, [])
-        if record.variant not in known:
-            known.append(record.variant)
+        own[record.object, record.variant].append(record)
+    now = Counter((record.object, record.variant) for record in imported)
     rows = []
-    for object_name, found in sorted(variants.items()):
-        if object_name not in plan.objects:
-            continue
+    for object_name in sorted({*(group[0] for group in own), *filter(None, [name])} & set(plan.objects)):
         ids = [pose.id for pose in plan.objects[object_name]]
         # the pair is always listed, so that a half that was never shot shows as missing
-        for variant in (*PAIR, *sorted(set(found) - set(PAIR))):
-            there = {pose_id for pose_id in ids if find_images(index, CaptureKey(object_name, variant, pose_id))}
-            own = [record for record in whole if (record.object, record.variant) == (object_name, variant)]
-            now = [record for record in imported if (record.object, record.variant) == (object_name, variant)]
-            rows.append(
-                Coverage(
-                    object_name, variant, len(now), len(there), tuple(pose for pose in ids if pose not in there),
-                    mean_error_deg=_mean(own, "pose_error_deg"), mean_error_mm=_mean(own, "pose_error_mm"),
-                )
-            )  # fmt: skip
+        others = {variant for other, variant in own if other == object_name} - set(PAIR)
+        for variant in (*PAIR, *sorted(others)):
+            group = (object_name, variant)
+            there = {pose_id for pose_id in ids if find_images(index, CaptureKey(*group, pose_id))}
+            rows.append(Coverage(
+                *group, now[group], len(there), tuple(pose for pose in ids if pose not in there),
+                mean_error_deg=_mean(own[group], "pose_error_deg"), mean_error_mm=_mean(own[group], "pose_error_mm"),
+            ))  # fmt: skip
     return tuple(rows)
 
 
 def count_variants(
     index: SourceIndex, whole: Sequence[CaptureRecord], imported: Sequence[CaptureRecord]
 ) -> tuple[Coverage, ...]:  # fmt: skip
-    """`measure_coverage` of photographs without a plan: missing is what another variant of the object has."""
+    """`measure_coverage` of photographs without a plan: missing are the poses of the object's other variants."""
     poses: dict[str, set[int]] = {}
     there: dict[tuple[str, str], set[int]] = {}
     for record in whole:
@@ -164,16 +146,15 @@ BLACK_INK = 0.35
 
 @dataclass(frozen=True)
 class ImportResult:
-    """What a run did.
+    """Result of an import into captures/SOURCE.
 
     Attributes:
-        source_dir: captures/SOURCE.
-        imported: records of the photographs that came now.
-        before: (label, where) of those that were imported before.
-        duplicates: (label, reason) of those that were given twice.
-        refused: (label, reason) of those that could not be imported.
+        imported: records of the new photographs.
+        before: (label, where) of photographs that were imported before.
+        duplicates: (label, reason) of photographs that were given twice.
+        refused: (label, reason) of photographs that could not be imported.
         coverage: per object and variant.
-        notes: what else the user should know.
+        notes: for the user.
     """
 
     source_dir: Path
@@ -186,16 +167,12 @@ class ImportResult:
 
     def to_json(self) -> dict[str, Any]:
         """The same for scripts."""
-
-        def named(pairs: Sequence[tuple[str, str]]) -> list[dict[str, str]]:
-            return [{"path": path, "reason": reason} for path, reason in pairs]
-
         return {
             "folder": str(self.source_dir),
             "imported": [record.model_dump() for record in self.imported],
-            "before": named(self.before),
-            "duplicates": named(self.duplicates),
-            "refused": named(self.refused),
+            "before": list_reasons(self.before),
+            "duplicates": list_reasons(self.duplicates),
+            "refused": list_reasons(self.refused),
             "coverage": [{**vars(row), "missing": list(row.missing)} for row in self.coverage],
             "notes": list(self.notes),
         }
@@ -206,20 +183,19 @@ def import_photos(
     locate: Locate | None = None, check: Check | None = None, ask: Ask | None = None,
     by_render: MatchRender | None = None,
 ) -> ImportResult:  # fmt: skip
-    """Import photographs into captures/SOURCE; what was imported before stays, what is in doubt is not guessed.
+    """Import photographs into captures/SOURCE; earlier imports stay, and nothing in doubt is guessed.
 
-    Each photograph is whole on disk and in the manifest before the next begins, so a run that was stopped goes on.
-    Originals are read, never written.
+    Each photograph is whole on disk and in the manifest before the next begins, so interrupted runs resume. Originals
+    are read, never written.
 
     Args:
-        workspace: whose plan, board, lenses and captures are meant.
+        workspace: its plan, board, lenses and captures are used.
         paths: folders, photographs, videos.
-        settings: what was asked for.
+        settings: options of the import.
         locate: finds a photograph's camera; by default from the workspace's board.
-        check: the gates that every photograph goes through; its numbers are kept with it.
-        ask: puts questions to a person; None where nobody is there.
-        by_render: what the nearest render says of a photograph that nothing else speaks for; by default, by rendering
-            the object at every pose.
+        check: the gates for every photograph; their numbers are kept with it.
+        ask: puts questions to a person; None without a person.
+        by_render: finds the pose of a photograph without other evidence; by default, by rendering every pose.
 
     Raises:
         ToolkitError: nothing to import, an unknown object, a broken plan, shot list or manifest, settings that
@@ -242,32 +218,34 @@ def _import_photos(
     workspace: Workspace, paths: Sequence[Path], settings: ImportSettings, *, locate: Locate | None,
     check: Check | None, ask: Ask | None, by_render: MatchRender | None,
 ) -> ImportResult:  # fmt: skip
+    # refuse what cannot work before anything is read
     notes = check_settings(workspace, settings)
     refuse_captures(workspace, paths)
     if settings.pairs is not None:
         locate = locate or (locate_by_board(workspace) if workspace.board else None)
         return _import_pairs(workspace, paths, settings, settings.pairs, locate=locate, check=check, ask=ask)
+    # the plan and its shot list, the photographs, and earlier imports
     plan = open_plan(workspace, [settings.object] if settings.object else None)
     steps = _read_steps(workspace, plan, settings, notes)
     gathered = gather_photos(paths, settings.every_s)
     index = index_source(workspace.source_dir(settings.source))
     _check_pose(plan, settings, gathered)
+    # evidence of each photograph; gaps in the order are bridged by what the pictures show
     locate, matcher = locate or locate_by_board(workspace), RenderMatcher(workspace, plan)
     by_render = by_render or matcher
     evidence = collect_evidence(gathered.candidates, plan, steps, index, settings, locate=locate, rank=matcher.rank)
     if settings.match == "auto" and settings.first_shot is None and settings.pose is None:
         clues = Clues(workspace, plan, matcher)
         evidence = place_with_gaps(evidence, plan, steps, index, clues, again=settings.replace)
+    # a pose for each, then into the captures
     resolved, refused = resolve_photos(evidence, plan, index, settings, ask, by_render=by_render)
     resolved = [(item, name_pose(decision, plan)) for item, decision in drop_copies(resolved, refused)]
     imported, broken = _store_all(workspace, index, resolved, settings, check, notes=notes)
     # photographs without a measured board count as pale: there is nothing to warn of
     black = sum(record.made.get("board_ink", 1.0) < BLACK_INK for record in imported)
     if black:
-        notes.append(
-            f"the board is printed in black in {black} photographs, and networks take it for a puzzle: "
-            "print a pale one with 'toolkit print --board --ink 10'"
-        )
+        puzzle = f"the board is printed in black in {black} photographs, and networks take it for a puzzle"
+        notes.append(f"{puzzle}: print a pale board with 'toolkit print --board --ink 10'")
     notes += _question_order(gathered, [item for item, decision in resolved if decision.matched_by == "order"])
     notes += _list_other_plans(index, plan, {record.object for record in imported})
     coverage = partial(measure_coverage, plan=plan, imported=imported, name=settings.object)
@@ -278,15 +256,15 @@ def _import_pairs(
     workspace: Workspace, paths: Sequence[Path], settings: ImportSettings, table: Path, *, locate: Locate | None,
     check: Check | None, ask: Ask | None,
 ) -> ImportResult:  # fmt: skip
-    """Import what a table pairs by hand: no plan is asked, and a board, if named, for the cameras alone."""
+    """Import the pairs of a table, without a plan; a board, if named, gives the cameras alone."""
     rows, notes = read_pairs(table), list[str]()
     gathered = gather_photos(paths, settings.every_s)
     index = index_source(workspace.source_dir(settings.source))
+    # rows of the photographs, and images that leave their places
     matched = match_pairs(rows, gathered, index, table.name, list(workspace.object_specs()))
     placed = {item.candidate.photo.identity for item, _ in matched.resolved}
-    check_classes(
-        workspace, rows, index, [record.path for identity, record in index.current.items() if identity in placed]
-    )
+    listed = [record.path for identity, record in index.current.items() if identity in placed]
+    check_classes(workspace, rows, index, listed)
     resolved, moved = settle_moves(matched, index, settings, ask)
     refused = matched.refused
     if locate is not None:
@@ -294,7 +272,7 @@ def _import_pairs(
     resolved = drop_copies(resolved, refused)
     stored = {item.candidate.photo.identity for item, _ in resolved}
     moved = [record for record in moved if find_original(record) in stored]
-    # what moves is in hand: a run that is stopped here imports it afresh
+    # a run that is stopped after this imports the photographs that move again
     for record in moved:
         delete_file(inside(index.source_dir, record.path))
         index.records.pop(record.path, None)
@@ -306,46 +284,39 @@ def _import_pairs(
 
 
 def _question_order(gathered: Gathered, ordered: Sequence[Evidence]) -> list[str]:
-    """What to know of photographs that their order alone places."""
+    """Notes on photographs that their order alone places."""
     if not ordered:
         return []
-    notes = [] if gathered.by_time else ["the photographs carry no time: their order is that of their names"]
+    notes = [] if gathered.by_time else ["the photographs have no times: they are ordered by name"]
     labels = {item.candidate.label for item in ordered}
     ties = [tie for tie in gathered.find_ties() if labels & set(tie)]
     if ties:
         more = f", and {len(ties) - 1} more such groups" if len(ties) > 1 else ""
-        notes.append(f"taken at the same time, so that their names order them: {', '.join(ties[0])}{more}")
-    wrong = [
-        f"{item.candidate.label}: pose {item.looks}, not {item.ordered.pose_id}"
-        for item in ordered
-        if item.looks is not None and item.ordered is not None
-    ]
-    if wrong:
+        notes.append(f"taken at the same time, and so ordered by name: {', '.join(ties[0])}{more}")
+    by_order = [(item, item.candidate.label, item.ordered.pose_id) for item in ordered if item.ordered is not None]
+    if wrong := [f"{label}: pose {item.looks}, not {pose}" for item, label, pose in by_order if item.looks is not None]:
         notes.append(
-            f"{len(wrong)} of {len(ordered)} photographs look like another pose than their order says ({wrong[0]}): "
+            f"{len(wrong)} of {len(ordered)} photographs look like another pose than that of their order ({wrong[0]}): "
             "look at them, or match them by 'auto'"
         )
-    named = [
-        f"{one.candidate.label}: pose {one.ordered.pose_id} by its order"
-        for one in ordered
-        if one.ordered is not None and one.named not in (None, one.ordered.pose_id)
-    ]
-    if named:
+    if named := [
+        f"{label}: pose {pose} by its order" for item, label, pose in by_order if item.named not in (None, pose)
+    ]:
         notes.append(
-            f"{len(named)} of {len(ordered)} photographs have another pose in their name than their order says "
+            f"{len(named)} of {len(ordered)} photographs have another pose in their name than by their order "
             f"({named[0]}): match them by 'name', if the names are right"
         )
-    unseen = [one for one in ordered if not one.is_compared and one.located is None and one.named is None]
+    unseen = sum(not item.is_compared and item.located is None and item.named is None for item in ordered)
     if unseen:
         notes.append(
-            f"{len(unseen)} of {len(ordered)} photographs are placed by their order alone: they look like no render of "
+            f"{unseen} of {len(ordered)} photographs are placed by their order alone: they look like no render of "
             "the object, or it cannot be rendered"
         )
     return notes
 
 
 def _list_other_plans(index: SourceIndex, plan: CapturePlan, names: Collection[str]) -> list[str]:
-    """A line for each object and variant with photographs that were imported by another plan."""
+    """Notes on objects and variants with photographs that were imported by another plan."""
     hashes = {(name, pose.id): hash_pose(plan.camera, pose) for name in names for pose in plan.objects[name]}
     others = Counter(
         (record.object, record.variant)
@@ -360,12 +331,12 @@ def _list_other_plans(index: SourceIndex, plan: CapturePlan, names: Collection[s
 
 
 def _locate_pairs(resolved: Sequence[Resolved], locate: Locate, notes: list[str]) -> list[Resolved]:
-    """The same with their cameras, where the board shows them."""
+    """Add the cameras of photographs that show the board."""
     made: list[Resolved] = []
     with progress("finding the board", len(resolved)) as bar:
         for evidence, decision in resolved:
             photo, label = evidence.candidate.photo, evidence.candidate.label
-            with suppress(UnreadableImage):  # storing it says so
+            with suppress(UnreadableImage):  # storing it reports the fault
                 found = locate(photo, load_pixels(photo))
                 if isinstance(found, str):
                     notes.append(f"{label}: its camera is not known: {found}")
@@ -380,7 +351,7 @@ def _finish(
     index: SourceIndex, gathered: Gathered, imported: Sequence[CaptureRecord], refused: Sequence[tuple[str, str]], *,
     notes: list[str], coverage: Callable[[SourceIndex, Sequence[CaptureRecord]], tuple[Coverage, ...]],
 ) -> ImportResult:  # fmt: skip
-    """Write the cameras' file, and say what was done; `index` is of before."""
+    """Write the cameras' file, and return the result; `index` is from before the import."""
     new = {record.made.get("original_sha256") for record in imported}
     before = [
         (candidate.label, where)
@@ -389,7 +360,7 @@ def _finish(
     ]
     if gathered.others:
         notes.append(f"not photographs, left alone: {list_some(gathered.others, SHOWN_OTHERS)}")
-    # read anew: what was replaced and stored meanwhile is in the files, not in the old index
+    # read again, as the files have changed since the old index
     after = index_source(index.source_dir)
     whole = [record for _, record in sorted(after.records.items()) if is_whole(index.source_dir, record)]
     if whole:
@@ -408,9 +379,8 @@ def drop_copies(resolved: Sequence[Resolved], refused: list[tuple[str, str]]) ->
         own, candidate = seen.setdefault((decision.key.object, decision.key.variant), []), evidence.candidate
         number = find_copied(candidate.photo, [other.photo for other in own])
         if number is not None:
-            refused.append(
-                (candidate.label, f"a copy of {own[number].label}: one photograph counts once, take another")
-            )
+            copied = f"a copy of {own[number].label}: the same photograph counts once, take another"
+            refused.append((candidate.label, copied))
             continue
         own.append(candidate)
         kept.append((evidence, decision))
@@ -438,30 +408,30 @@ def _check_pose(plan: CapturePlan, settings: ImportSettings, gathered: Gathered)
     if settings.pose not in ids:
         raise FieldError(f"the plan of '{settings.object}' has poses {min(ids)} to {max(ids)}", {"pose": settings.pose})
     if len(gathered.candidates) > 1:
-        raise FieldError(f"is of one photograph, {len(gathered.candidates)} were given", {"pose": settings.pose})
+        raise FieldError(f"is of a single photograph, {len(gathered.candidates)} were given", {"pose": settings.pose})
 
 
 def _store_all(
     workspace: Workspace, index: SourceIndex, resolved: Sequence[Resolved], settings: ImportSettings,
     check: Check | None, notes: list[str],
 ) -> tuple[list[CaptureRecord], list[tuple[str, str]]]:  # fmt: skip
-    """Store photographs one by one; returns their records, and (label, reason) of those that broke meanwhile."""
+    """Store photographs in turn; returns their records, and (label, reason) of photographs that broke meanwhile."""
     subjects: dict[tuple[str, str], Subject] = {}
     records: dict[str, CaptureRecord] = {}
     broken: list[tuple[str, str]] = []
     copied = False
     with progress("importing", len(resolved)) as bar:
         for evidence, decision in resolved:
+            # object and booster are read once for each variant
             candidate, key = evidence.candidate, decision.key
             group = (key.object, key.variant)
             if group not in subjects:
                 subjects[group], unknown = read_subject(workspace, *group)
                 if unknown:
                     notes.append(f"{'/'.join(group)}: what is on the object is not recorded: {unknown}")
+            subject = subjects[group]
             try:
-                record, linked = store_photo(
-                    index, evidence, decision, subjects[group], check=check, link=settings.link
-                )
+                record, linked = store_photo(index, evidence, decision, subject, check=check, link=settings.link)
             except UnreadableImage as error:
                 broken.append((candidate.label, error.reason))
             except FileNotFoundError:
@@ -471,7 +441,5 @@ def _store_all(
                 copied |= settings.link and not linked
             bar.advance(note=str(key))
     if copied:
-        notes.append(
-            "some photographs were copied, not linked: raw previews, frames of videos, or files of another disk"
-        )
+        notes.append("some photographs were copied, not linked: raw previews, frames of videos, files of another disk")
     return list(records.values()), broken

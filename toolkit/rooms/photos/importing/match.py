@@ -1,4 +1,4 @@
-"""Which pose a photograph shows; what is in doubt is said, never guessed."""
+"""Choose the pose that a photograph shows; doubts are reported, never guessed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -20,21 +20,18 @@ if TYPE_CHECKING:
 
 MOST_NAMED = 2
 FAR_AND_NAMED_DEG = 30.0
-"""A camera so far from the pose that order or name say was not meant to stand there."""
+"""Largest angle between a camera and the pose of its order or name at which it was meant for that pose."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What a photograph shows.
+    """Object, variant and pose of a photograph.
 
     Attributes:
-        key: object, variant and pose.
         matched_by: board, name, order, render, pairs, or user.
-        match: how far the camera stood from that pose, where a board says so.
-        class_name: what the object should be recognised as, where a table of pairs says so.
-        pose_name: how that table calls the pose.
-        row: the table's file and line.
-        pose_sha256: `hash_pose` of the plan's pose and camera; empty where no plan was followed.
+        match: distance of the camera from that pose by the board.
+        class_name, pose_name, row: class and name of the pose in a table of pairs, and its file and line.
+        pose_sha256: `hash_pose` of the plan's pose and camera; empty without a plan.
     """
 
     key: CaptureKey
@@ -47,33 +44,30 @@ class Decision:
 
 
 def name_pose(decision: Decision, plan: CapturePlan) -> Decision:
-    """The decision with the pose of the plan that it rests on: the plan may be made again under the same numbers."""
+    """Add the hash of the plan's pose: another plan may use the same numbers."""
     poses = [pose for pose in plan.objects.get(decision.key.object, ()) if pose.id == decision.key.pose_id]
     return replace(decision, pose_sha256=hash_pose(plan.camera, poses[0])) if poses else decision
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """Why no pose was chosen, and between which keys a person could choose."""
+    """Why no pose was chosen, and the keys from which a person could choose."""
 
     reason: str
     choices: tuple[CaptureKey, ...] = ()
 
 
 MatchRender = Callable[[Evidence, Group], Decision | Doubt]
-"""(photograph, its object and variant) -> what the nearest render says."""
+"""(photograph, its object and variant) -> the pose of the nearest render."""
 
 
 def decide_pose(
     evidence: Evidence, plan: CapturePlan, how: str = "auto", by_render: MatchRender | None = None
 ) -> Decision | Doubt:
-    """Choose the pose of a photograph.
+    """Choose the pose of a photograph by `how`, as in `ImportSettings.match`.
 
-    The board is believed first, then the name, then the order, then the nearest render. With `auto`, those that speak
-    must not contradict each other: what is less believed may decide between two poses that are about equally near, and
-    turns a photograph into a doubt where it names another pose than the board shows.
-
-    Any `how` but `auto` asks for that evidence alone.
+    With `auto` the board counts first, then the name, then the order, then the nearest render. Weaker evidence may
+    decide between two poses that are about equally near. If it contradicts the board, the pose is in doubt.
     """
     group = evidence.find_group()
     if group is None:
@@ -84,6 +78,7 @@ def decide_pose(
             return Doubt(reason, evidence.between)
         missing = "nothing says which object and variant it shows"
         return Doubt(f"{missing}: {evidence.no_order}" if evidence.no_order else missing)
+    # name and order, and the nearest pose by the board
     claims = _collect_claims(evidence, how)
     match = match_pose(evidence.located.T_world_camera, plan.objects[group[0]]) if evidence.located else None
     if how == "render" or (how == "auto" and match is None and not claims and by_render):
@@ -94,7 +89,7 @@ def decide_pose(
 
 
 def measure_match(evidence: Evidence, key: CaptureKey, plan: CapturePlan) -> PoseMatch | None:
-    """How far the camera stood from the pose that was chosen; None without a board."""
+    """Compare the camera with the chosen pose; None without a board."""
     if evidence.located is None:
         return None
     poses = [pose for pose in plan.objects[key.object] if pose.id == key.pose_id]
@@ -118,11 +113,11 @@ def _decide_by_claims(
     poses = sorted(set(claims.values()))
     if not poses:
         why = evidence.no_order
-        # for the way that was asked for: who asked for names is not helped by word of the board
+        # a reason for each way that may be asked for
         reasons = {
             "auto": f"{evidence.no_board}, its name says no pose" + (f", and {why}" if why else ""),
             "board": evidence.no_board,
-            "name": "its name gives no pose of the plan: expected one such as pose_07",
+            "name": "its name gives no pose of the plan: expected a name such as pose_07",
             "order": why or "its place in the order is not known",
         }
         return Doubt(reasons[how])
@@ -136,7 +131,7 @@ def _decide_by_claims(
 def _decide_by_board(group: Group, claims: dict[str, int], match: PoseMatch) -> Decision | Doubt:
     possible = possible_poses(match)
     choices = tuple(CaptureKey(*group, pose) for pose in dict.fromkeys((*possible, *claims.values())))
-    # a board off by a pose from the name is a swap, of which only the user knows which is right
+    # a board that contradicts the name is a swap, which only the user can resolve
     against = [f"its {what} says pose {pose}" for what, pose in claims.items() if pose not in possible]
     if against:
         return Doubt(f"the board shows {match.describe()}, but {' and '.join(against)}", choices)
@@ -144,7 +139,7 @@ def _decide_by_board(group: Group, claims: dict[str, int], match: PoseMatch) -> 
     if len(claimed) > 1:
         return Doubt(f"the board shows {match.describe()}; name and order disagree", choices)
     chosen = next(iter(claimed)) if claimed else match.pose_id
-    # a camera far from every pose counts if the name or order gives the same pose: the user stood badly, but meant it
+    # a camera far from every pose counts if name or order give the same pose: the user meant it
     confirmed = claimed and chosen == match.pose_id and match.error_deg <= FAR_AND_NAMED_DEG
     if (match.ambiguous and not claimed) or (match.far and not confirmed):
         return Doubt(f"the board shows {match.describe()}", choices)
@@ -159,14 +154,11 @@ class RenderMatcher:
         self._made: dict[Group, PoseTemplates | str] = {}
 
     def rank(self, evidence: Evidence, group: Group) -> "RenderMatch | str":
-        """How much a photograph looks like each pose of an object's variant, or why no render can be made.
-
-        Raises:
-            UnreadableImage: the photograph does not decode.
-        """
+        """Compare a photograph with each pose of an object's variant, or say why no render can be made."""
         from toolkit.rooms.photos.match_render import make_templates, match_by_render
 
         if group not in self._made:
+            # rendered with the booster of the variant, once
             try:
                 item = load_object(self._workspace.object_spec(group[0]))
                 booster = find_booster(self._workspace, item, group[1]) if group[1] in VARIANTS else None
@@ -181,7 +173,7 @@ class RenderMatcher:
         return match_by_render(load_pixels(evidence.candidate.photo), templates)
 
     def __call__(self, evidence: Evidence, group: Group) -> Decision | Doubt:
-        """What the nearest render says, as a `MatchRender`."""
+        """Choose the pose of the nearest render, as a `MatchRender`."""
         why = evidence.no_board
         try:
             found = self.rank(evidence, group)
@@ -194,8 +186,6 @@ class RenderMatcher:
             return Decision(best, "render")
         if found.runner_up is None:
             return Doubt(f"{why}, and it does not look like the render of its pose", (best,))
-        reason = (
-            f"{why}, and it looks about as much like the render of pose {found.pose_id} ({found.score:.2f}) as of "
-            f"pose {found.runner_up} ({found.ranking[1][1]:.2f})"
-        )
+        first, other = f"{found.pose_id} ({found.score:.2f})", f"{found.runner_up} ({found.ranking[1][1]:.2f})"
+        reason = f"{why}, and it looks about as much like the render of pose {first} as of pose {other}"
         return Doubt(reason, (best, CaptureKey(*group, found.runner_up)))

@@ -28,10 +28,10 @@ HOW = {"dng": "preview of a raw photograph", "video": "frame of a video"}
 
 @dataclass(frozen=True)
 class Subject:
-    """What the workspace says, when a photograph is stored, of what it shows.
+    """Facts of the workspace on the object and booster of a photograph, when it is stored.
 
     Attributes:
-        booster_sha256: of the PNG that is stuck on, None without one, or if it is not known.
+        booster_sha256: of the booster's PNG, None without a booster, or if it is not known.
         made: class of the object, name of the booster, and hash of size and place of its sheet.
     """
 
@@ -40,13 +40,13 @@ class Subject:
 
 
 def read_subject(workspace: Workspace, name: str, variant: str) -> tuple[Subject, str | None]:
-    """Return what the workspace says of an object in a variant, and why nothing is known of its booster, if so."""
+    """Return the facts on an object in a variant, and why its booster is not known, if so."""
     specs = workspace.object_specs()
     made: dict[str, Any] = {}
     try:
         if name in specs:
             made["class"] = str(read_spec(specs[name]).class_name)
-        # of a variant with a name of the user's own the kit knows no booster
+        # the booster of a variant that the user named is not known
         if variant == UNPATCHED or variant not in VARIANTS:
             return Subject(None, made), None
         item = load_object(workspace.object_spec(name))
@@ -65,18 +65,18 @@ def store_photo(
     index: SourceIndex, evidence: Evidence, decision: Decision, subject: Subject,
     check: Check | None = None, link: bool = False,
 ) -> tuple[CaptureRecord, bool]:  # fmt: skip
-    """Write one photograph and its record; an image that is there for the same pose is kept aside in `.replaced`.
+    """Write a photograph and its record; an earlier image of the same pose is kept aside in `.replaced`.
 
-    A kill at any moment loses nothing: the same call goes on. Old images are copied aside before they are touched, the
-    new image is whole before it has a line in the manifest.
+    A kill at any moment loses nothing: the same call resumes. Old images are copied aside before they are touched, and
+    the new image is whole before it has a line in the manifest.
 
     Args:
         index: of the source.
-        evidence: the photograph, and how it is known what it shows.
-        decision: what it shows.
+        evidence: the photograph and its camera.
+        decision: object, variant and pose.
         subject: from `read_subject`.
         check: the gates.
-        link: make a hard link where the file can stay as it is and lies on the same disk.
+        link: make a hard link if the file stays as it is and lies on the same disk.
 
     Returns:
         Its record, and whether it was linked, not copied.
@@ -97,11 +97,8 @@ def store_photo(
         made = {**record.made, "gates": gates, **({"retake": advice} if advice else {})}
         record = record.model_copy(update={"made": made})
     # the very file that is to be written may be there from a killed run: it is not old
-    old = [
-        old_file
-        for old_file in find_images(index, key)
-        if not (old_file == file and sha256_file(old_file) == record.image_sha256)
-    ]
+    images = find_images(index, key)
+    old = [path for path in images if not (path == file and sha256_file(path) == record.image_sha256)]
     for path in old:
         _keep_aside(index, path, key)
     # only an original whose bytes are kept as they are; a link is refused across disks, and then they are copied
@@ -112,12 +109,12 @@ def store_photo(
         if path != file:
             delete_file(path)
     append_record(root, record)
-    drop_records(root, {show_path(old_file.relative_to(root).parts) for old_file in old if old_file != file})
+    drop_records(root, {show_path(path.relative_to(root).parts) for path in old if path != file})
     return record, linked
 
 
 def encode_photo(photo: Photo) -> bytes:
-    """The bytes that go into a capture folder: the original's, a DNG's preview, or a video's frame as JPEG."""
+    """Return the bytes for a capture folder: the original's, a DNG's preview, or a video's frame as JPEG."""
     if photo.kind == "dng":
         return read_preview(photo.path)
     if photo.kind != "video":
@@ -138,13 +135,13 @@ def _describe(evidence: Evidence, decision: Decision, subject: Subject, image_sh
     }  # fmt: skip
     if photo.frame is not None:
         made["frame"] = photo.frame
-    # what a table or a person said of it
+    # facts of a table of pairs and of the plan
     known = {
         "class": decision.class_name, "pose": decision.pose_name, "row": decision.row,
         "pose_sha256": decision.pose_sha256,
     }  # fmt: skip
     made |= {name: value for name, value in known.items() if value}
-    # what the board says of the camera
+    # the camera by the board
     if match is not None:
         made |= {"pose_error_deg": round(match.error_deg, 3), "pose_error_mm": round(match.error_mm, 2)}
     if located is not None:

@@ -1,1 +1,1 @@
-"""The printed sheet in a photograph: where it lies, how large it is, and which colours it has."""
+"""The printed sheet in a photograph: place, size and colours."""

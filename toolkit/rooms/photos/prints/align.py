@@ -31,7 +31,7 @@ class PatchWarp:
         return map_points(self.homography, uv) + bend_terms(uv) @ self.bend
 
     def to_patch(self, pixels: np.ndarray) -> np.ndarray:
-        """(n, 2) places of pixels (n, 2); on the patch and a little round it, where the bend is mild."""
+        """(n, 2) places of pixels (n, 2) on the patch and a little round it."""
         back = np.linalg.inv(self.homography)
         uv = map_points(back, pixels)
         if self.bend.any():
@@ -88,11 +88,11 @@ def area(corners: np.ndarray) -> float:
 
 
 def is_plausible(warp: PatchWarp, shape: tuple[int, ...]) -> bool:
-    """Whether the patch is a convex quadrilateral, not mirrored, of some size, with its middle in the photo."""
+    """Whether the patch is a convex quadrilateral of some size, not mirrored, with its middle in the photo."""
     H = warp.homography
     if not (np.isfinite(H).all() and np.isfinite(warp.bend).all()) or abs(np.linalg.det(H)) < 1e-12:
         return False
-    # the depth of all corners has one sign where the whole patch is in front of the camera
+    # the depth of all corners has the same sign if the whole patch is in front of the camera
     depth = UNIT_CORNERS @ H[2, :2] + H[2, 2]
     if (depth <= 1e-3 * depth.max()).any():
         return False
@@ -109,16 +109,13 @@ def is_plausible(warp: PatchWarp, shape: tuple[int, ...]) -> bool:
 
 
 def fit_warp(uv: np.ndarray, pixels: np.ndarray, start: PatchWarp, stiffness: float, near_px: float = 1.0) -> PatchWarp:
-    """The warp that fits pairs of places best, by robust least squares (Cauchy's weights).
+    """Fit the warp to pairs of places by robust least squares (Cauchy's weights).
 
     Args:
         uv, pixels: (n, 2) pairs; some may be wrong.
-        start: to begin from.
-        stiffness: how much a bend costs, per square pixel of it; infinity keeps the patch flat.
+        start: to begin from, and returned if there are too few pairs.
+        stiffness: cost of a bend, per square pixel of it; infinity keeps the patch flat.
         near_px: pairs that miss by much more than this hardly count.
-
-    Returns:
-        The fit, or `start` where the pairs do not say enough.
     """
     flat = not np.isfinite(stiffness)
     # a homography has 8 numbers and a pair gives two; the bend has 14 more
@@ -144,7 +141,7 @@ def fit_warp(uv: np.ndarray, pixels: np.ndarray, start: PatchWarp, stiffness: fl
 
 
 def _jacobian(uv: np.ndarray, raised: np.ndarray, terms: np.ndarray | None) -> np.ndarray:
-    """(2, n, 8 or 22) how each pixel moves with the homography's numbers, and with the bend's where there are terms."""
+    """(2, n, 8 or 22) derivatives of each pixel by the homography's numbers, and by the bend's if there are terms."""
     jacobian = np.zeros((2, len(uv), 8 if terms is None else 8 + 2 * BEND_TERMS))
     depth = raised[:, 2]
     for axis in (0, 1):
@@ -160,13 +157,9 @@ def _jacobian(uv: np.ndarray, raised: np.ndarray, terms: np.ndarray | None) -> n
 def _solve_step(
     jacobian: np.ndarray, miss: np.ndarray, weight: np.ndarray, bending: tuple[float, np.ndarray] | None
 ) -> np.ndarray:
-    """A step of Gauss and Newton: change of the eight numbers of the homography and the fourteen of the bend.
+    """A Gauss-Newton step: change of the eight numbers of the homography and the fourteen of the bend.
 
-    Args:
-        jacobian: from `_jacobian`.
-        miss: (n, 2) pixels.
-        weight: (n,) of each pair.
-        bending: stiffness and (7, 2) bend so far; None keeps the patch flat.
+    `miss` is (n, 2) pixels, `weight` (n,) of the pairs, `bending` the stiffness and the (7, 2) bend so far.
     """
     count = jacobian.shape[2]
     rows = jacobian.reshape(-1, count)
@@ -175,31 +168,30 @@ def _solve_step(
     right = rows.T @ (miss.T.ravel() * both)
     if bending is not None:
         stiffness, bend = bending
-        # the more pairs there are, the more a bend costs, so that stiffness means the same for few and many
+        # a bend costs more with more pairs, so that stiffness means the same for few and many
         cost = stiffness * weight.sum() / 10
         normal[8:, 8:] += cost * np.eye(2 * BEND_TERMS)
         right[8:] -= cost * bend.T.ravel()
-    # scaled to ones on the diagonal: pixels and bends are numbers of other sizes, and the system is badly conditioned
+    # scaled to a unit diagonal: pixels and bends differ in size, and the system is badly conditioned
     size = np.sqrt(np.maximum(np.diag(normal), 1e-12))
     scaled = normal / size[:, None] / size[None] + 1e-9 * np.eye(count)
     return np.linalg.solve(scaled, right / size) / size
 
 
 SAMPLES = 3
-"""Samples a pixel each way: texels are as small as pixels, or smaller."""
+"""Samples of a pixel each way: texels are as small as pixels, or smaller."""
 CELLS = 5
-"""The patch is judged in so many cells each way, as a part of it may be hidden or in a shadow."""
+"""Cells each way in which the patch is judged, as a part of it may be hidden or in a shadow."""
 LEAST_PIXELS = 12
 LEAST_CONTRAST = 0.004
 MARGIN_PX = 8
 LOCAL_PX = 6.0
 INVERSE_EVERY_PX = 4
-MOST_CHANNELS = 4
-"""OpenCV's sampling takes no more at a time."""
+MOST_CHANNELS = 4  # of OpenCV's sampling
 GRID = 15
 WINDOW_PX = 13
 HOPELESS = 0.15
-"""Mean correlation below which, flat, a patch is not bent into what it does not look like."""
+"""Least mean correlation of a flat patch that may be bent."""
 CONVERGED = 0.002
 STIFFNESS = (float("inf"), 0.3, 0.02, 0.005, 0.002, 0.001, 0.001)
 """Stiffness of the paper in each round of alignment: flat first, then more and more pliable."""
@@ -207,12 +199,11 @@ STIFFNESS = (float("inf"), 0.3, 0.02, 0.005, 0.002, 0.001, 0.001)
 
 @dataclass(frozen=True)
 class Drawn:
-    """The patch as the camera would see it, over a cut of the photo.
+    """The patch as the camera would see it, over a cut of the photo at (left, top).
 
     Attributes:
         picture: (h, w, c) float32.
         inside: (h, w) bool, pixels wholly on the patch.
-        left, top: the cut's corner in the photo, pixels.
         uv: (h, w, 2) place on the patch of each pixel's centre.
     """
 
@@ -229,12 +220,9 @@ class Drawn:
 
 
 def draw_patch(patch: np.ndarray, warp: PatchWarp, shape: tuple[int, ...]) -> Drawn | None:
-    """Draw patch values as a camera averages them; None where the photo shows none of it.
+    """Draw patch values (n, n, c) float32 as a camera averages them; None if the photo of `shape` shows none of it.
 
-    Args:
-        patch: (n, n, c) float32; for colours, linear light, as light is what a pixel averages.
-        warp: where it lies.
-        shape: of the photo, (h, w, …).
+    Colours should be linear light, which is what a pixel averages.
     """
     placed = place_cut(warp, shape)
     if placed is None:
@@ -251,10 +239,7 @@ def draw_patch(patch: np.ndarray, warp: PatchWarp, shape: tuple[int, ...]) -> Dr
 
 
 def place_cut(warp: PatchWarp, shape: tuple[int, ...]) -> tuple[int, int, np.ndarray] | None:
-    """The cut of the photo that holds the patch: left, top, and (h, w, 2) places on the patch of pixels' centres.
-
-    None where the photo, of `shape`, shows none of it.
-    """
+    """Return the cut of the photo with the patch: left, top, and (h, w, 2) places on the patch; or None."""
     rim = np.linspace(0, 1, 9)
     outline = np.concatenate([np.stack([rim, 0 * rim + k], 1) for k in (0, 1)])
     outline = warp.to_pixels(np.concatenate([outline, outline[:, ::-1]]))
@@ -263,20 +248,17 @@ def place_cut(warp: PatchWarp, shape: tuple[int, ...]) -> tuple[int, int, np.nda
     if (high - low < 4).any():
         return None
     w, h = (int(x) for x in high - low)
-    return int(low[0]), int(low[1]), _look_back(warp, w, h, low)
-
-
-def _look_back(warp: PatchWarp, w: int, h: int, low: np.ndarray) -> np.ndarray:
-    """(h, w, 2) places on the patch of a cut's pixels: exact every few pixels, and between them by straight lines."""
+    # exact places every few pixels, and linear between them
     columns, rows = -(-w // INVERSE_EVERY_PX) + 1, -(-h // INVERSE_EVERY_PX) + 1
     y, x = np.mgrid[:rows, :columns] * float(INVERSE_EVERY_PX)
     coarse = warp.to_patch(np.stack([x + low[0], y + low[1]], -1).reshape(-1, 2)).reshape(rows, columns, 2)
     y, x = (np.mgrid[:h, :w] + 0.5) / INVERSE_EVERY_PX + 0.5
-    return sample_image(coarse.astype(np.float32), np.stack([x, y], -1)).astype(float)
+    uv = sample_image(coarse.astype(np.float32), np.stack([x, y], -1)).astype(float)
+    return int(low[0]), int(low[1]), uv
 
 
 def sample_image(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(h, w, c) values at (h, w, 2) places in an image, by straight lines between its pixels' centres at (0.5, 0.5)."""
+    """(h, w, c) values at (h, w, 2) places in an image, by bilinear interpolation; pixel centres lie at halves."""
     x, y = cv2.split((np.asarray(pixels) - 0.5).astype(np.float32))
     channels = 1 if image.ndim == 2 else image.shape[2]
     if channels <= MOST_CHANNELS:
@@ -287,7 +269,7 @@ def sample_image(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def _enlarge(patch: np.ndarray, warp: PatchWarp) -> np.ndarray:
-    """Texels as crisp squares, blurred a little less than a sample's footprint, so that sampling does not alias."""
+    """Enlarge texels to squares, blurred a little less than a sample's footprint, so that sampling does not alias."""
     corners = warp.corners
     samples = np.maximum(np.linalg.norm(np.diff(corners[:3], axis=0), axis=1) * SAMPLES, 1)  # across, down
     n = patch.shape[0]
@@ -301,19 +283,15 @@ def _enlarge(patch: np.ndarray, warp: PatchWarp) -> np.ndarray:
 
 
 def align(grey: np.ndarray, patch_grey: np.ndarray, start: PatchWarp) -> PatchWarp:
-    """Align the patch exactly with the photo, flat at first and then bending with the paper.
+    """Align the patch with the photo, flat at first and then bending with the paper; returns the best warp.
 
-    In each round the patch is drawn where it is thought to lie, points on it are followed into the photo (Lucas and
-    Kanade 1981, on pictures whose local mean and contrast are made equal, so that light and inks do not matter), and
-    the warp is fitted to where they went.
+    Each round draws the patch at its estimated place and tracks its points into the photo (Lucas and Kanade 1981).
+    Local mean and contrast are equalised before, so that light and inks do not matter. Then the warp is fitted again.
 
     Args:
         grey: (h, w) float32 photo in [0, 1].
         patch_grey: (n, n, 1) float32.
         start: some pixels off.
-
-    Returns:
-        The best warp on the way.
     """
     best = warp = start
     best_score = float(agreement(grey[..., None], patch_grey, start).mean())
@@ -328,7 +306,7 @@ def align(grey: np.ndarray, patch_grey: np.ndarray, start: PatchWarp) -> PatchWa
         score = float(agreement(grey[..., None], patch_grey, warp).mean())
         if score < HOPELESS and best_score < HOPELESS:
             break
-        # not before the sheet may bend: a flat round that wins little is followed by a round that bends
+        # only once the sheet may bend: a flat round that gains little may be followed by a round that bends
         converged = stiffness < 0.02 and score < best_score + CONVERGED
         if score > best_score:
             best, best_score = warp, score
@@ -338,9 +316,9 @@ def align(grey: np.ndarray, patch_grey: np.ndarray, start: PatchWarp) -> PatchWa
 
 
 def follow(grey: np.ndarray, drawn: Drawn, warp: PatchWarp) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs (uv, pixels) of points on the patch and where the photo shows them, both (k, 2)."""
+    """Track points of the patch into the photo; returns pairs (uv, pixels), both (k, 2)."""
     theirs = _equalise(drawn.cut(grey))
-    # outside of the patch nothing is known: the photo stands in for it, so that the rim does not look moved
+    # outside of the patch the photo itself, so that the rim does not look moved
     ours = np.where(drawn.inside, _equalise(drawn.picture[..., 0]), theirs)
     uv = cell_centres(GRID)
     corner = np.array([drawn.left, drawn.top])
@@ -372,13 +350,7 @@ def _equalise(picture: np.ndarray) -> np.ndarray:
 
 
 def agreement(photo: np.ndarray, patch: np.ndarray, warp: PatchWarp) -> np.ndarray:
-    """(CELLS, CELLS) correlation of photo and patch in each cell, -1 to 1; 0 where too little of it is to be seen.
-
-    Args:
-        photo: (h, w, c) float32.
-        patch: (n, n, c) float32.
-        warp: where it lies.
-    """
+    """(CELLS, CELLS) correlation of photo (h, w, c) and patch (n, n, c) float32 in each cell; 0 if too little shows."""
     drawn = draw_patch(patch, warp, photo.shape)
     if drawn is None:
         return np.zeros((CELLS, CELLS))
@@ -405,5 +377,5 @@ def _as_float(content: bytes, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def patch_values(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n, n, 3) and (n, n, 1) float32 in [0, 1]: the patch in colour and in grey, kept for the next photo."""
+    """(n, n, 3) and (n, n, 1) float32 from 0 to 1: the patch in colour and in grey, kept for the next photo."""
     return _as_float(np.ascontiguousarray(pixels).tobytes(), pixels.shape[0])

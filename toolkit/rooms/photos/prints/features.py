@@ -1,10 +1,10 @@
-"""Where a patch may lie in a photograph: local features of the file, seen from many sides, looked up in the photo.
+"""Guess places of a patch in a photograph: local features of the file from many sides, matched with the photo's.
 
-Each match of two SIFT features (Lowe 2004) is a whole guess of where the patch lies, as a feature has a place, a size
-and a direction, and as the file is looked at from simulated slants (ASIFT: Morel and Yu 2009). Guesses that many
-matches agree on come first; nothing here is random.
+A SIFT feature (Lowe 2004) has a place, a size and a direction, and the file is viewed at simulated slants (ASIFT: Morel
+and Yu 2009). So each match of two features is a whole guess of the patch's place. Guesses that many matches agree on
+come first; nothing here is random.
 
-Convention: places on the patch are (u, v) in [0, 1], u right and v down; pixel (0, 0)'s centre is (0.5, 0.5).
+Convention: places on the patch are (u, v) from 0 to 1, u right and v down; pixel centres lie at halves.
 """
 
 from dataclasses import dataclass
@@ -22,19 +22,19 @@ TURN_STEP_DEG = 60.0
 MIN_CONTRAST = 0.012
 MAX_FEATURES = 3000
 RATIO = 0.86
-"""A match counts when the next best place on the patch is at least this much worse (Lowe's ratio)."""
+"""Lowe's ratio: the next best place on the patch must be at least this much worse."""
 CELLS = 16
-"""The patch is divided into so many cells each way: what lies in neighbouring ones is the same place."""
+"""Cells each way of the patch; neighbouring cells are the same place."""
 TOLERANCE = 0.07
-"""How far from a guess's prediction a match may lie, as a share of the patch: it is bent and tilted."""
+"""Largest distance of a match from a guess's prediction, as a share of the patch, which is bent and tilted."""
 DRIFT = 0.15
-"""And how much more of it per patch side that lies between guess and match."""
+"""Growth of that distance per patch side between guess and match."""
 MIN_SUPPORT = 3
 MAX_SHEAR = 6.0
 
 
 @dataclass(frozen=True)
-class Features:
+class LocalFeatures:
     """Local features.
 
     Attributes:
@@ -52,7 +52,7 @@ class Guess:
 
     Attributes:
         affine: (2, 3) from (u, v) to pixels.
-        support: how many matches agree.
+        support: number of matches that agree.
         uv, px: (support, 2) those matches' places.
     """
 
@@ -62,12 +62,12 @@ class Guess:
     px: np.ndarray
 
 
-def find_features(grey: np.ndarray) -> Features:
+def find_features(grey: np.ndarray) -> LocalFeatures:
     """SIFT features of (h, w) uint8, the strongest `MAX_FEATURES`."""
     sift = cv2.SIFT.create(nfeatures=MAX_FEATURES, contrastThreshold=MIN_CONTRAST, edgeThreshold=12)
     found, descriptors = sift.detectAndCompute(grey, None)
     if descriptors is None:
-        return Features(np.zeros((0, 2, 3)), np.zeros((0, 128), np.float32))
+        return LocalFeatures(np.zeros((0, 2, 3)), np.zeros((0, 128), np.float32))
     # OpenCV's keypoints have pixel centres at integers
     place = np.array([point.pt for point in found]) + 0.5
     # a keypoint's size is its diameter
@@ -77,16 +77,16 @@ def find_features(grey: np.ndarray) -> Features:
     frames = np.stack([np.stack([x, -y, place[:, 0]], -1), np.stack([y, x, place[:, 1]], -1)], axis=1)
     shares = descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6)
     # roots of shares have unit length, so that a dot product is a likeness from 0 to 1
-    return Features(frames, np.sqrt(shares).astype(np.float32))
+    return LocalFeatures(frames, np.sqrt(shares).astype(np.float32))
 
 
-def describe_patch(pixels: np.ndarray) -> Features:
+def describe_patch(pixels: np.ndarray) -> LocalFeatures:
     """Features of a patch (n, n, 3) uint8 sRGB from all simulated sides; kept for the next photo."""
     return _describe_patch(np.ascontiguousarray(pixels).tobytes(), pixels.shape[0])
 
 
 @lru_cache(maxsize=16)
-def _describe_patch(content: bytes, n: int) -> Features:
+def _describe_patch(content: bytes, n: int) -> LocalFeatures:
     pixels = np.frombuffer(content, np.uint8).reshape(n, n, 3)
     # at least twice the view's side, so that shrinking to it averages texels and does not alias
     repeat = max(1, -(-2 * VIEW_PX // n))
@@ -100,13 +100,13 @@ def _describe_patch(content: bytes, n: int) -> Features:
             to_patch = np.linalg.inv(T_view_patch)
             frames.append(_compose(to_patch[None, :2], features.frames))
             descriptors.append(features.descriptors)
-    every = Features(np.concatenate(frames), np.concatenate(descriptors))
+    every = LocalFeatures(np.concatenate(frames), np.concatenate(descriptors))
     inside = ((every.frames[:, :, 2] > 0) & (every.frames[:, :, 2] < 1)).all(axis=1)
-    return Features(every.frames[inside], every.descriptors[inside])
+    return LocalFeatures(every.frames[inside], every.descriptors[inside])
 
 
 def slant_view(upright: np.ndarray, slant: float, turn_deg: float) -> tuple[np.ndarray, np.ndarray]:
-    """The square on white paper from afar, turned and then compressed in x, and its `T_view_patch` (3, 3)."""
+    """Draw the square on white paper, turned and then compressed in x; also returns `T_view_patch` (3, 3)."""
     side = upright.shape[0]
     cosine, sine = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
     turned = np.array([[cosine, -sine], [sine, cosine]]) * side
@@ -118,7 +118,7 @@ def slant_view(upright: np.ndarray, slant: float, turn_deg: float) -> tuple[np.n
     T[:2, :2], T[:2, 2] = linear, -low
     size = tuple(int(x) for x in np.ceil(high - low))
     blurred = upright
-    if slant > 1:  # what the compression would alias, blurred along the direction that is compressed
+    if slant > 1:  # blurred along the direction that is compressed, against aliasing
         blurred = _blur_along(upright, turn_deg, 0.6 * np.sqrt(slant**2 - 1))
     pixel = np.diag([1 / side, 1 / side, 1.0])
     view = cv2.warpAffine(
@@ -144,14 +144,14 @@ def to_cv(T: np.ndarray) -> np.ndarray:
 
 
 def _compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
-    """(k, 2, 3) outer ∘ inner of affine maps (k or 1, 2, 3)."""
+    """(k, 2, 3) composition of affine maps, each k or a single map."""
     linear = outer[:, :, :2] @ inner[:, :, :2]
     shift = (outer[:, :, :2] @ inner[:, :, 2:]) + outer[:, :, 2:]
     return np.concatenate([linear, shift], axis=2)
 
 
-def match_features(photo: Features, patch: Features) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of features that look alike, and nothing else on the patch does: numbers in photo and patch."""
+def match_features(photo: LocalFeatures, patch: LocalFeatures) -> tuple[np.ndarray, np.ndarray]:
+    """Match features that look alike, as nothing else on the patch does; returns numbers in photo and patch."""
     if min(len(photo.descriptors), len(patch.descriptors)) == 0:
         return np.zeros(0, int), np.zeros(0, int)
     cell = (np.clip(patch.frames[:, :, 2], 0, 0.999) * CELLS).astype(int) @ [CELLS, 1]
@@ -169,8 +169,8 @@ def match_features(photo: Features, patch: Features) -> tuple[np.ndarray, np.nda
     return kept, order[likeness[kept].argmax(axis=1)]
 
 
-def guess_places(photo: Features, patch: Features, most: int = 6) -> list[Guess]:
-    """Up to `most` different places, those that most matches agree on first."""
+def guess_places(photo: LocalFeatures, patch: LocalFeatures, most: int = 6) -> list[Guess]:
+    """Return up to `most` different places, in the order of the matches that agree."""
     of_photo, of_patch = match_features(photo, patch)
     if len(of_photo) < MIN_SUPPORT:
         return []
@@ -197,16 +197,16 @@ def guess_places(photo: Features, patch: Features, most: int = 6) -> list[Guess]
 
 
 def _count_places(votes: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """(k,) how many places on the patch vote for each guess: ten features on one spot count once."""
+    """(k,) number of places on the patch that vote for each guess: features on the same spot count once."""
     cells = (np.clip(uv, 0, 0.999) * 12).astype(int) @ [12, 1]
-    one_of = np.zeros((len(uv), 144), np.float32)
-    one_of[np.arange(len(uv)), cells] = 1
+    is_in = np.zeros((len(uv), 144), np.float32)
+    is_in[np.arange(len(uv)), cells] = 1
     # the number of votes only breaks ties between guesses with as many places
-    return ((votes.astype(np.float32) @ one_of) > 0).sum(axis=1) + votes.sum(axis=1) * 1e-3
+    return ((votes.astype(np.float32) @ is_in) > 0).sum(axis=1) + votes.sum(axis=1) * 1e-3
 
 
 def _refine(affine: np.ndarray, uv: np.ndarray, px: np.ndarray, voters: np.ndarray) -> Guess:
-    """The affine map that fits the voters best, where there are enough of them."""
+    """Fit the affine map to its voters, if there are enough of them."""
     if voters.sum() >= 5:
         a = np.c_[uv[voters], np.ones(voters.sum())]
         weight = np.ones(len(a))

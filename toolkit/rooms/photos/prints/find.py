@@ -1,4 +1,4 @@
-"""The printed patch in a photograph: whether it is there, which patch, where it lies, and how much of it shows."""
+"""Find a printed patch in a photograph: whether it is there, its place, and how much of it shows."""
 
 from dataclasses import dataclass
 
@@ -20,27 +20,25 @@ from toolkit.rooms.photos.prints.align import (
     patch_values,
     sample_image,
 )
-from toolkit.rooms.photos.prints.features import Features, describe_patch, find_features, guess_places
+from toolkit.rooms.photos.prints.features import LocalFeatures, describe_patch, find_features, guess_places
 
 LEAST_CONFIDENCE, LEAST_OF_HALF = 0.65, 0.45
-"""Below the first a patch of which less than half shows counts as not there; below the second any. Real prints of 50
-pixels and more had 0.85 to 0.98 (69 of 69 found); in 855 looks at real photographs without the patch chance came to
-0.55 and 0.56. The rig took 216 photos at 640 × 480 (four objects, 18 poses; no patch, their patch, another patch).
-Of these, 122 show half of a patch at less than 78° from straight on, and all have 0.81 or more. None of 720 searches
-for an absent patch exceeds 0.38."""
+"""Least confidence of a patch of which less than half shows, and of any. Real prints of 50 pixels and more have 0.85 to
+0.98 (69 of 69 found). Real photographs without the patch reach 0.56 in 855 searches. In the rig's photographs patches
+that show half have 0.81 or more, and absent patches at most 0.38 in 720 searches."""
 CELL_SHOWS = 0.4
-"""A cell of the patch shows where photo and file correlate this much."""
+"""Least correlation of photo and file in a cell of the patch that shows."""
 SEARCH_PX = 1600
-"""Longest side of the photo that is searched; larger ones are shrunk."""
+"""Longest side of the photo that is searched; larger photos are shrunk."""
 ALIGN_PX = 220.0
 """Side at which patch and photo are aligned: at 100 texels, two pixels each."""
 GUESSES = 4
 SURE = 0.8
-"""Above it no other place is looked at."""
+"""Confidence above which no other place is tried."""
 LEAST_START = 0.12
 MATCHES_STIFFNESS = 0.3
 LEAD = 0.15
-"""By how much the best patch must lead the next, to be accepted."""
+"""Least lead of the best patch over the next."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +46,10 @@ class PatchSighting:
     """A patch that was found.
 
     Attributes:
-        corners_px: (4, 2) where the file's upper left, upper right, lower right and lower left corners lie in the
-            photo, in pixels; the centre of the first pixel is (0.5, 0.5).
-        homography: (3, 3) from (u, v, 1) on the patch, u right and v down in [0, 1], to pixels: the flat sheet that
-            lies nearest.
-        confidence: mean correlation of photo and file over the half of the patch that agrees best, at most 1.
-        warp: the same with the paper's bend.
+        corners_px: (4, 2) pixels of the file's upper left, upper right, lower right and lower left corners.
+        homography: (3, 3) from (u, v, 1) on the patch, u right and v down, to pixels, of the nearest flat sheet.
+        confidence: mean correlation of photo and file over the better half of the patch, at most 1.
+        warp: the homography with the paper's bend.
         agreement: (5, 5) correlation by cell of the patch, rows down.
     """
 
@@ -65,27 +61,21 @@ class PatchSighting:
 
     @property
     def shown(self) -> float:
-        """Share of the patch that shows: 1 less what is hidden, cut off, in glare or too slanted to be seen."""
+        """Share of the patch that is not hidden, cut off, in glare or too slanted."""
         return float((self.agreement >= CELL_SHOWS).mean())
 
 
 @dataclass(frozen=True)
 class SearchedPhoto:
-    """A photo made ready to be searched for several patches; see `search_photo`.
-
-    Attributes:
-        image: (h, w, 3) uint8 sRGB, as large as it came.
-        scale: from it to the size that was searched.
-        features: of the searched picture, in its own pixels.
-    """
+    """A photo (h, w, 3) uint8 sRGB made ready for several searches; `features` are of the picture at `scale`."""
 
     image: np.ndarray
     scale: float
-    features: Features
+    features: LocalFeatures
 
 
 def search_photo(image: np.ndarray) -> SearchedPhoto:
-    """Find the local features of (h, w, 3) uint8 sRGB once, so that looking for another patch costs little."""
+    """Find the local features of (h, w, 3) uint8 sRGB once, for searches of several patches."""
     scale = min(1.0, SEARCH_PX / max(image.shape[:2]))
     return SearchedPhoto(image, scale, find_features(cv2.cvtColor(shrink_image(image, scale), cv2.COLOR_RGB2GRAY)))
 
@@ -98,11 +88,10 @@ def find_patch(
     Args:
         image: (h, w, 3) uint8 sRGB, or the same from `search_photo`.
         patch_pixels: (n, n, 3) uint8 sRGB, the file.
-        expected_px: (4, 2) where its corners are thought to lie, when that is known from the camera's pose; it is
-            looked for there as well.
+        expected_px: (4, 2) its corners by the camera's pose; this place is tried as well.
 
     Returns:
-        Where it lies, or None where it is not seen (`is_believed`).
+        None if it is not seen (`is_believed`).
     """
     photo = image if isinstance(image, SearchedPhoto) else search_photo(image)
     best: PatchSighting | None = None
@@ -116,15 +105,9 @@ def find_patch(
 
 
 def find_there(image: np.ndarray, patch_pixels: np.ndarray, there: PatchWarp) -> PatchSighting | None:
-    """Find a print in the one place where it should be, give or take some pixels; places are of the part looked at.
+    """Find a print, as `find_patch`, in its place by the camera's pose, give or take some pixels.
 
-    Args:
-        image: (h, w, 3) uint8 sRGB.
-        patch_pixels: (n, n, 3) uint8 sRGB.
-        there: where the camera's pose has it.
-
-    Returns:
-        None where it is not seen, as `find_patch`.
+    Places in the result are of the part of the image round it.
     """
     corners, reach = there.corners, there.side_px / 2
     low, high = (np.maximum(side, 0).astype(int) for side in (corners.min(axis=0) - reach, corners.max(axis=0) + reach))
@@ -138,9 +121,7 @@ def find_there(image: np.ndarray, patch_pixels: np.ndarray, there: PatchWarp) ->
 
 def is_believed(sighting: PatchSighting) -> bool:
     """Whether a sighting is no chance likeness: plainly alike, or alike enough with half of the patch showing."""
-    if sighting.confidence >= LEAST_CONFIDENCE:
-        return True
-    return sighting.confidence >= LEAST_OF_HALF and sighting.shown >= 0.5
+    return sighting.confidence >= (LEAST_OF_HALF if sighting.shown >= 0.5 else LEAST_CONFIDENCE)
 
 
 def rectify_patch(image: np.ndarray, sighting: PatchSighting, n_px: int) -> np.ndarray:
@@ -151,7 +132,7 @@ def rectify_patch(image: np.ndarray, sighting: PatchSighting, n_px: int) -> np.n
 
 
 def _starts(photo: SearchedPhoto, patch_pixels: np.ndarray, expected_px: np.ndarray | None) -> list[list[PatchWarp]]:
-    """Where to look, in the whole photo's pixels, the likeliest place first; of each, bent and flat."""
+    """List places to try, in the whole photo's pixels, the likeliest first; each bent and flat."""
     starts: list[list[PatchWarp]] = []
     for guess in guess_places(photo.features, describe_patch(patch_pixels), GUESSES):
         flat = PatchWarp(np.vstack([guess.affine, [0, 0, 1.0]]), FLAT)
@@ -171,7 +152,7 @@ def _starts(photo: SearchedPhoto, patch_pixels: np.ndarray, expected_px: np.ndar
 
 
 def _look(image: np.ndarray, patch_pixels: np.ndarray, starts: list[PatchWarp]) -> PatchSighting | None:
-    """Align the patch with a place of the photo and measure how well it fits; None where it plainly does not."""
+    """Align the patch with a place of the photo and measure how well it fits; None if it plainly does not."""
     scale = min(1.0, ALIGN_PX / starts[0].side_px)
     small = shrink_image(image, scale).astype(np.float32) / 255
     colour, grey = patch_values(patch_pixels)
@@ -191,15 +172,14 @@ def _confidence(scores: np.ndarray) -> float:
 
 
 def shrink_image(image: np.ndarray, scale: float) -> np.ndarray:
-    """A photo (h, w, 3) at `scale` of its size, at most 1: pixel places scale by that number exactly."""
+    """Shrink a photo (h, w, 3) to `scale` of its size, in both directions exactly, so that places scale alike."""
     if scale >= 1:
         return image
-    # exact in both directions, so that places can be scaled by a single number
     h, w = image.shape[:2]
     size = (max(1, round(w * scale)), max(1, round(h * scale)))
     if max(abs(size[0] - w * scale), abs(size[1] - h * scale)) < 1e-6:
         return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
-    # what the smaller size cannot hold is blurred away before sampling
+    # blurred before sampling, against aliasing
     blurred = cv2.GaussianBlur(image, (0, 0), 0.4 / scale)
     # pixel centres lie at halves: this offset keeps (0.5, 0.5) scaled where the other size has it
     half = 0.5 / scale - 0.5
@@ -210,31 +190,17 @@ def shrink_image(image: np.ndarray, scale: float) -> np.ndarray:
 
 
 SIZE_TOLERANCE = 0.02
-"""Share by which the measured side may differ from the record's: 'fit to page' makes 97 % or less, and photographs of
-the rig with the camera known measure within 0.4 %."""
+"""Tolerance of the measured side, as a share: 'fit to page' makes 97 % or less, and photographs of the rig measure
+within 0.4 %."""
 LEAST_SHARE = 0.12
 """Smallest share of the photo that the sheet must cover."""
 EDGE_SEARCH_PX = 1000
 REACH_PX = 6
 SQUARE = 0.02
-"""Sides of a measured patch that differ by more than this share say that what was found is not that sheet."""
+"""Largest difference of a measured patch's sides, as a share; otherwise another sheet was found."""
 
 
-@dataclass(frozen=True)
-class PageMeasure:
-    """A patch on its printed page.
-
-    Attributes:
-        size_mm: side of the square of equal area.
-        across_mm, down_mm: mean sides along the file's rows and columns.
-    """
-
-    size_mm: float
-    across_mm: float
-    down_mm: float
-
-
-def measure_on_page(image: np.ndarray, sighting: PatchSighting, paper: Paper) -> PageMeasure | None:
+def measure_on_page(image: np.ndarray, sighting: PatchSighting, paper: Paper) -> tuple[float, float] | None:
     """Measure a patch against the edges of the sheet that it is printed on.
 
     Args:
@@ -243,26 +209,22 @@ def measure_on_page(image: np.ndarray, sighting: PatchSighting, paper: Paper) ->
         paper: the sheet.
 
     Returns:
-        The patch's sides, or None where the sheet's four edges are not seen, or do not make the patch a square.
+        Mean sides in mm along the file's rows and columns, or None if the sheet's four edges are not seen, or do not
+        make the patch a square.
     """
-    page = find_page(image)
-    if (
-        page is None
-        or cv2.pointPolygonTest(page.astype(np.float32), sighting.corners_px.mean(axis=0).tolist(), False) < 0
-    ):
+    page, middle = find_page(image), sighting.corners_px.mean(axis=0).tolist()
+    if page is None or cv2.pointPolygonTest(page.astype(np.float32), middle, False) < 0:
         return None
-    best: PageMeasure | None = None
-    # nobody knows which way round the sheet lies: the right turn makes the patch square
+    found: list[tuple[float, float]] = []
+    # the sheet may lie either way round: the right turn makes the patch square
     for width, height in ((paper.width_mm, paper.height_mm), (paper.height_mm, paper.width_mm)):
         sheet = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
         T_mm_px = cv2.getPerspectiveTransform(page.astype(np.float32), sheet).astype(float)
         corners = map_points(T_mm_px, sighting.corners_px)
         sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-        across, down = float(sides[[0, 2]].mean()), float(sides[[1, 3]].mean())
-        measure = PageMeasure(float(np.sqrt(across * down)), across, down)
-        if best is None or abs(np.log(across / down)) < abs(np.log(best.across_mm / best.down_mm)):
-            best = measure
-    return best if best is not None and abs(np.log(best.across_mm / best.down_mm)) < SQUARE else None
+        found.append((float(sides[[0, 2]].mean()), float(sides[[1, 3]].mean())))
+    across, down = min(found, key=lambda pair: abs(np.log(pair[0] / pair[1])))
+    return (across, down) if abs(np.log(across / down)) < SQUARE else None
 
 
 def find_page(image: np.ndarray) -> np.ndarray | None:
@@ -279,22 +241,15 @@ def find_page(image: np.ndarray) -> np.ndarray | None:
     largest = cv2.convexHull(max(outlines, key=cv2.contourArea))
     if cv2.contourArea(largest) < LEAST_SHARE * size[0] * size[1]:
         return None
-    # the approximation's tolerance follows the sheet's size, so that creased or rounded corners stay one
+    # the approximation's tolerance follows the sheet's size, so that creased corners stay single
     rough = cv2.approxPolyDP(largest, 0.03 * cv2.arcLength(largest, True), True).reshape(-1, 2)
-    if len(rough) != 4 or _touches_edge(rough, size):
+    if len(rough) != 4 or (rough <= 1).any() or (rough >= np.array(size) - 2).any():
         return None
     factor = np.array([image.shape[1] / size[0], image.shape[0] / size[1]])
-    corners = _order(rough.astype(float) + 0.5) * factor
-    # inverted, as paper is lighter than what it lies on
+    # clockwise in the picture, beginning with the upper left corner
+    rough = rough.astype(float) + 0.5
+    about = rough - rough.mean(axis=0)
+    turned = rough[np.argsort(np.arctan2(about[:, 1], about[:, 0]))]
+    corners = np.roll(turned, -int(turned.sum(axis=1).argmin()), axis=0) * factor
+    # inverted, as paper is lighter than its ground
     return refine_outline(255 - cv2.GaussianBlur(image.min(axis=2), (0, 0), 1.0), corners - 0.5, REACH_PX / scale) + 0.5
-
-
-def _touches_edge(corners: np.ndarray, size: tuple[int, int]) -> bool:
-    return bool((corners <= 1).any() or (corners >= np.array(size) - 2).any())
-
-
-def _order(corners: np.ndarray) -> np.ndarray:
-    """Clockwise in the picture, beginning with the upper left corner."""
-    about = corners - corners.mean(axis=0)
-    turned = corners[np.argsort(np.arctan2(about[:, 1], about[:, 0]))]
-    return np.roll(turned, -int(turned.sum(axis=1).argmin()), axis=0)

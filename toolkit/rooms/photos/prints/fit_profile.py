@@ -1,4 +1,4 @@
-"""Fitting a print profile: from what the file says, and its colour strip, to what photographs of its print show."""
+"""Fit a print profile: from the colours of a file and its colour strip to those of photographs of its print."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from toolkit.rooms.photos.prints.align import map_points, sample_image
 from toolkit.rooms.photos.prints.colours import PrintedColours, measure_error
 
 INSET = 0.2
-"""Share of a cell's side that is left out at each edge: camera blur mixes neighbours there."""
+"""Share of a cell's side that is left out at each edge, where camera blur mixes neighbours."""
 SAMPLE_PX = 9
 LEAST_CELL_PX = 6.0
 CLIPPED = 253
@@ -24,11 +24,11 @@ LARGEST_MISS_MM = 0.8
 
 @dataclass(frozen=True)
 class StripReading:
-    """Colours of the strip's cells as a photo shows them.
+    """Colours of the strip's cells in a photo.
 
     Attributes:
         names: of the swatches.
-        file_srgb: (k, 3) uint8, as the file states them.
+        file_srgb: (k, 3) uint8, of the file.
         seen_linear: (k, 3) float, linear light of the photo: median over the cell's middle.
         clipped: (k,) bool, whether the photo is over-exposed there.
         homography: (3, 3) from millimetres on the strip, x right and y down, to pixels.
@@ -42,19 +42,12 @@ class StripReading:
 
     @property
     def white_linear(self) -> np.ndarray:
-        """(3,) linear light of bare paper: mean of the cells that the file leaves white."""
+        """(3,) linear light of paper: mean of the cells that the file leaves white."""
         return self.seen_linear[(self.file_srgb == 255).all(axis=1)].mean(axis=0)
 
 
 def read_strip(image: np.ndarray) -> StripReading | None:
-    """Find the strip by its two markers and read every cell.
-
-    Args:
-        image: (h, w, 3) uint8 sRGB.
-
-    Returns:
-        The colours, or None where both markers are not seen, or the cells are under 6 pixels wide.
-    """
+    """Read the strip in (h, w, 3) uint8 sRGB; None without its two markers, or with cells under 6 pixels wide."""
     H = _find_strip(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
     if H is None:
         return None
@@ -75,7 +68,7 @@ def read_strip(image: np.ndarray) -> StripReading | None:
 
 
 def _find_strip(grey: np.ndarray) -> np.ndarray | None:
-    """(3, 3) from millimetres on the strip to pixels; None where its two markers are not both there."""
+    """(3, 3) from millimetres on the strip to pixels; None without both of its markers."""
     corners = {number: corner + 0.5 for number, corner in find_markers(STRIP.dictionary, grey, refined=True)}
     wanted = list(STRIP.marker_corners)
     if not all(number in corners for number in wanted):
@@ -85,19 +78,19 @@ def _find_strip(grey: np.ndarray) -> np.ndarray | None:
     H, _ = cv2.findHomography(printed, pixels)
     if H is None:
         return None
-    # a marker of something else, or a strip that is bent: its own corners must come back where they are
+    # a foreign marker, or a bent strip, does not map back to its own corners
     back = map_points(np.linalg.inv(H), pixels)
     return H if np.abs(back - printed).max() < LARGEST_MISS_MM else None
 
 
 FOLDS = 5
 CELLS = 10
-"""The patch is divided into so many cells each way; whole cells are held out, as neighbouring pixels are alike."""
+"""Cells each way of the patch; whole cells are held out, as neighbouring pixels are alike."""
 MOST_PIXELS = 12_000
 POWERS = (1.0, 1.4, 1.8, 2.2, 2.6)
 BLURS_PX = (0.0, 0.5, 0.8, 1.2, 1.8)
 SIMPLER = 1.03
-"""A model with fewer terms is kept where the error of the best model is not lower by more than this factor."""
+"""Largest factor between the error of a model with fewer terms and that of the best model."""
 STRIP_SHARE = 0.25
 """Weight of a strip, all its cells together, against all of a photo's pixels."""
 DARKEST = 0.02
@@ -122,11 +115,7 @@ MODELS: dict[str, tuple[Exponents, ...]] = {
 
 @dataclass(frozen=True)
 class FittedColours:
-    """A fitted transform; see `toolkit.imaging.printer.PrintProfile` for the fields.
-
-    Attributes:
-        tried: held-out median ΔE00 of the best power of each model.
-    """
+    """A fitted transform, see `PrintProfile`; `tried` has the held-out median ΔE00 of the best power of each model."""
 
     model: str
     power: float
@@ -144,11 +133,11 @@ class _Samples:
     """Rows of the fit: pixels of every photo, then cells of every strip.
 
     Attributes:
-        terms: by power, (k, terms of `MODELS["cubic"]`) what each row averages of every term.
+        terms: by power, (k, terms of `MODELS["cubic"]`) mean of every term over each row.
         meant: (k, 3) linear light that the file means.
         seen: (k, 3) linear light as a share of paper's.
         weight: (k, 1) of each row.
-        fold: (k,) the part of the patch that a row belongs to; -1 for the strip's, which are always fitted to.
+        fold: (k,) part of the patch; -1 for the strip, which is never held out.
     """
 
     terms: dict[float, np.ndarray]
@@ -163,25 +152,26 @@ def fit_colours(
 ) -> FittedColours:
     """Fit the colour transform from file to print, and choose its form by parts of the patch that are held out.
 
-    A pixel averages texels in linear light; as the transform is linear in its coefficients, its terms are drawn as the
-    camera averages them and the coefficients follow by least squares, weighted to what the eye sees, with glare and
-    shadow left out by Cauchy's weights.
+    A pixel averages texels in linear light. The transform is linear in its coefficients, so its terms are averaged
+    alike, and least squares give the coefficients. They are weighted to the eye, and Cauchy's weights exclude glare and
+    shadow.
 
     Args:
-        colours: of the patch in one or more photos of the same print.
+        colours: of the patch in photos of the same print.
         patch_pixels: (n, n, 3) uint8 sRGB, the file.
-        strips: the colour strip in photos of the same print; its colours are shares of its own white.
+        strips: the colour strip in such photos; its colours are shares of its own white.
     """
     return _fit_samples(_gather(colours, patch_pixels, strips))
 
 
 def fit_texels(patches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> FittedColours:
-    """Fit the transform to texels of several photographs, and choose its form by whole patches that are held out.
+    """Fit the transform to texels of several photographs, and choose its form by whole files that are held out.
+
+    With a single file parts of it are held out.
 
     Args:
-        patches: of each photograph: the file (n, n, 3) uint8 sRGB; (n², 3) linear light of its texels as a share of
-            paper's; (n²,) weights, 0 where a texel is hidden. Photographs of the same file are held out
-            together; if there is a single file, parts of it are.
+        patches: of each photograph, the file (n, n, 3) uint8 sRGB, the linear light of its texels (n², 3) as a share of
+            paper's, and weights (n²,), 0 for hidden texels.
     """
     kinds = [file.tobytes() for file, _, _ in patches]
     which = [sorted(set(kinds)).index(kind) for kind in kinds]
@@ -201,13 +191,9 @@ def fit_texels(patches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> 
 
 
 def _fit_samples(samples: _Samples) -> FittedColours:
-    """The form and its power that predict what is held out best, fitted to all."""
+    """Fit the form and power that best predict the held-out parts to all samples."""
     of_patch = samples.fold >= 0
-    answers = {
-        (name, power): _cross_validate(samples, power, exponents)
-        for name, exponents in MODELS.items()
-        for power in POWERS
-    }
+    answers = {(name, power): _cross_validate(samples, power, MODELS[name]) for name in MODELS for power in POWERS}
     best_power = {name: min(POWERS, key=lambda power: answers[name, power].median) for name in MODELS}
     tried = {name: answers[name, power].median for name, power in best_power.items()}
     # from few terms to many, so that the first that is good enough is the simplest
@@ -225,6 +211,7 @@ def _gather(colours: Sequence[PrintedColours], patch_pixels: np.ndarray, strips:
     file = patch_pixels / 255.0
     rows: dict[float, list[np.ndarray]] = {power: [] for power in POWERS}
     meant, seen, weight, fold = [], [], [], []
+    # pixels of the patch in each photo, spread evenly
     for part in colours:
         kept = np.linspace(0, len(part.seen) - 1, min(most, len(part.seen))).round().astype(int)
         blur_px = _find_blur(part, file, kept)
@@ -235,6 +222,7 @@ def _gather(colours: Sequence[PrintedColours], patch_pixels: np.ndarray, strips:
         weight.append(np.ones(len(kept)))
         cell = (np.clip(part.uv[kept], 0, 0.999) * CELLS).astype(int)
         fold.append((cell[:, 0] + 2 * cell[:, 1]) % FOLDS)
+    # cells of the strips that are not over-exposed
     pixels = sum(len(part) for part in seen)
     for strip in strips:
         good = ~strip.clipped
@@ -258,7 +246,7 @@ def _find_blur(part: PrintedColours, file: np.ndarray, kept: np.ndarray) -> floa
     """Return the blur of the lens, pixels, at which a matrix fits the photo best."""
 
     def mean_square_error(blur_px: float) -> float:
-        # a matrix is enough to compare blurs with: what it misses of the inks, it misses at each blur
+        # a matrix is enough to compare blurs: it fits the inks equally badly at each blur
         terms = np.c_[np.ones(len(kept)), part.draw(srgb_to_linear(file), blur_px)[kept]]
         fit = np.linalg.lstsq(terms, part.seen[kept], rcond=None)[0]
         return float(((part.seen[kept] - terms @ fit) ** 2).mean())
@@ -272,7 +260,7 @@ def _columns(samples: _Samples, power: float, exponents: tuple[Exponents, ...]) 
 
 
 def _cross_validate(samples: _Samples, power: float, exponents: tuple[Exponents, ...]) -> ColourError:
-    """The error on every part of the patch by what was fitted to the others."""
+    """Error on every part of the patch of the fit to the other parts."""
     terms = _columns(samples, power, exponents)
     said = np.zeros_like(samples.seen)
     for fold in np.unique(samples.fold[samples.fold >= 0]):
@@ -285,7 +273,7 @@ def _cross_validate(samples: _Samples, power: float, exponents: tuple[Exponents,
 
 def _solve(terms: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(terms, 3) coefficients by weighted least squares, glare and shadow left out."""
-    # a step in the dark looks larger than the same step in the light: lightness goes with the cube root
+    # a step in the dark looks larger than the same step in the light: lightness is a cube root
     eye = weight / (np.maximum(seen, 0) + DARKEST) ** (4 / 3)
     trust = np.ones((len(seen), 1))
     fit = np.zeros((terms.shape[1], 3))
@@ -293,7 +281,7 @@ def _solve(terms: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> np.ndarra
         for channel in range(3):
             both = eye[:, channel, None] * trust
             normal = terms.T @ (terms * both)
-            # a ridge that follows the size of the system: terms that the patch does not hold stay small
+            # a ridge in proportion to the system: terms that the patch lacks stay small
             ridge = TINY * np.trace(normal) / len(normal) * np.eye(len(normal))
             fit[:, channel] = np.linalg.solve(normal + ridge, terms.T @ (seen[:, channel, None] * both)[:, 0])
         miss = np.sqrt((eye / weight * (seen - terms @ fit) ** 2).sum(axis=1))

@@ -1,4 +1,4 @@
-"""A photograph in which one of some known patches is printed: found, fitted, and with others in its place."""
+"""A photograph of a known printed patch: found, fitted, and with other patches in its place."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -21,9 +21,9 @@ from toolkit.rig.mount import size_on_paper
 from toolkit.rig.shading import SHOULDER, LinearView
 from toolkit.rooms.photos.photo import Photo, list_photos, load_pixels, read_photo
 from toolkit.rooms.photos.prints.align import PatchWarp
-from toolkit.rooms.photos.prints.features import Features, to_cv
-from toolkit.rooms.photos.prints.find import PatchSighting, SearchedPhoto, find_patch, search_photo, shrink_image
-from toolkit.rooms.photos.prints.look import PrintedLook, Scene, fit_look, no_spread
+from toolkit.rooms.photos.prints.features import LocalFeatures, to_cv
+from toolkit.rooms.photos.prints.find import PatchSighting, find_patch, search_photo, shrink_image
+from toolkit.rooms.photos.prints.look import PatchScene, PrintedLook, fit_look, no_spread
 
 if TYPE_CHECKING:
     from toolkit.boosters.mounted import MountedViews
@@ -36,7 +36,7 @@ MOST_TEXELS = 1024
 
 @dataclass(frozen=True)
 class KnownPatch:
-    """A patch's name and pixels (n, n, 3) uint8 sRGB; `sha256` is of its PNG."""
+    """A patch's name and pixels (n, n, 3) uint8 sRGB."""
 
     name: str
     pixels: np.ndarray
@@ -49,15 +49,7 @@ class KnownPatch:
 
 @dataclass(frozen=True)
 class FittedPhoto:
-    """A photograph whose printed patch was found and fitted.
-
-    Attributes:
-        photo: the file.
-        image: (h, w, 3) uint8 sRGB, upright.
-        patch: that is printed in it.
-        sighting: where it was found.
-        look: what printer, light and camera made of it.
-    """
+    """A photograph (h, w, 3) uint8 sRGB, upright, whose printed patch was found and fitted."""
 
     photo: Photo
     image: np.ndarray
@@ -68,15 +60,12 @@ class FittedPhoto:
     def with_patches(
         self, patches: Sequence[KnownPatch], draws: Draws, look: PrintedLook | None = None
     ) -> list[np.ndarray]:
-        """The photograph with each patch in place of the printed patch, (h, w, 3) uint8 sRGB.
-
-        By its own look, or by the colours, light, sharpness and noise of another photograph.
-        """
-        # one scene for all patches: what hides the printed patch is found once
-        scene, pictures = Scene(self.image, self.look, self.patch.pixels), []
+        """Draw each patch in place of the printed patch, (h, w, 3) uint8 sRGB, by this or another photograph's look."""
+        # the same scene for all patches: what hides the printed patch is found once
+        scene, pictures = PatchScene(self.image, self.look, self.patch.pixels), []
         if look is not None:
             look, hidden = replace(look, warp=self.look.warp, ripple=self.look.ripple), scene.hidden
-            scene = Scene(self.image, look, self.patch.pixels)
+            scene = PatchScene(self.image, look, self.patch.pixels)
             scene.hidden = hidden
         for patch in patches:
             part = scene.put(patch.pixels, draws.of(f"noise {patch.name}"))
@@ -86,7 +75,7 @@ class FittedPhoto:
         return pictures
 
     def facts(self) -> dict[str, Any]:
-        """For the manifest: what was found and how well it was fitted."""
+        """Facts of the fit for the manifest."""
         look = self.look
         return {
             "found": self.patch.name, "found_sha256": self.patch.sha256, "original_sha256": self.photo.sha256,
@@ -99,11 +88,7 @@ class FittedPhoto:
 
 
 def read_known(workspace: Workspace, wanted: str) -> KnownPatch:
-    """A patch by its name, or any square PNG of texels by its path.
-
-    Raises:
-        ToolkitError: there is none of the name, or the picture is not square or has too many pixels for texels.
-    """
+    """Read a patch by its name, or any square PNG of texels by its path; others raise `ToolkitError`."""
     path = Path(wanted)
     file = path if path.suffix.lower() == ".png" else workspace.patch(wanted)
     pixels = read_image(file)
@@ -114,7 +99,7 @@ def read_known(workspace: Workspace, wanted: str) -> KnownPatch:
 
 
 def fit_photo(file: Path, patches: Sequence[KnownPatch]) -> FittedPhoto:
-    """Find which of some patches is printed in a photograph, and fit what was made of it.
+    """Find which of some patches is printed in a photograph, and fit its look.
 
     Raises:
         ToolkitError: none is there, it is there twice or mirrored, or too little of it shows.
@@ -133,28 +118,17 @@ def fit_photo(file: Path, patches: Sequence[KnownPatch]) -> FittedPhoto:
     sighting, patch = max(seen, key=lambda pair: pair[0].confidence)
     if sighting.shown < LEAST_SHOWN:
         raise ToolkitError(f"only {sighting.shown:.0%} of the patch '{patch.name}' shows, {LEAST_SHOWN:.0%} are needed")
-    # with the first place's features gone, what is still found is a second print
-    elsewhere = _without(searched, sighting)
-    if find_patch(elsewhere, patch.pixels) is not None:
-        raise ToolkitError(f"the patch '{patch.name}' is there twice: hide one of them")
+    # without the features of the first print, only a second print can be found
+    uv = sighting.warp.to_patch(searched.features.frames[:, :, 2] / searched.scale)
+    kept = ~((uv > -0.1) & (uv < 1.1)).all(axis=1)
+    features = LocalFeatures(searched.features.frames[kept], searched.features.descriptors[kept])
+    if find_patch(replace(searched, features=features), patch.pixels) is not None:
+        raise ToolkitError(f"the patch '{patch.name}' is there twice: hide a copy")
     return FittedPhoto(photo, image, patch, sighting, fit_look(image, sighting, patch.pixels))
 
 
-def _without(searched: SearchedPhoto, sighting: PatchSighting) -> SearchedPhoto:
-    """The photo with the features of a place taken away, so that only another copy is found."""
-    places = searched.features.frames[:, :, 2] / searched.scale
-    uv = sighting.warp.to_patch(places)
-    kept = ~((uv > -0.1) & (uv < 1.1)).all(axis=1)
-    features = Features(searched.features.frames[kept], searched.features.descriptors[kept])
-    return replace(searched, features=features)
-
-
 def list_files(paths: Sequence[Path]) -> tuple[list[Path], list[tuple[str, str]]]:
-    """Photographs that are named, and those in folders that are; and (path, reason) of links that are not followed.
-
-    Raises:
-        ToolkitError: there are none.
-    """
+    """List photographs, also those in folders, and (path, reason) of links; without any, a `ToolkitError`."""
     files: list[Path] = []
     refused: list[tuple[str, str]] = []
     for path in paths:
@@ -173,16 +147,10 @@ def list_files(paths: Sequence[Path]) -> tuple[list[Path], list[tuple[str, str]]
 def use_each(
     title: str, photos: Sequence[Path], use: Callable[[Path], T], least: int = 1
 ) -> tuple[list[T], list[tuple[str, str]]]:
-    """What `use` makes of each photograph, and (path, reason) of those that it refuses, links among them.
+    """Call `use` with each photograph; returns its results, and (path, reason) of photographs that it refuses.
 
-    Args:
-        title: of the progress bar.
-        photos: photographs, or folders of them.
-        use: raises ToolkitError for an unusable photograph; the others do not depend on it.
-        least: how many are needed.
-
-    Raises:
-        ToolkitError: fewer can be used; the message says why of the first.
+    `photos` may be folders, and `title` names the progress bar. `use` raises `ToolkitError` for an unusable photograph.
+    Fewer than `least` results are a `ToolkitError` with the first reason.
     """
     files, skipped = list_files(photos)
     made: list[T] = []
@@ -203,7 +171,7 @@ def use_each(
 WINDOW = (0.7, 1.0)
 """Side of the square that a view shows, as a share of the photograph's shorter side."""
 BRIGHTEST = 0.98
-"""Upper limit of the light that is estimated from a photograph; blown-out pixels hold no more."""
+"""Upper limit of the light that is estimated from a photograph, at which pixels are blown out."""
 
 
 def view_photos(
@@ -212,24 +180,24 @@ def view_photos(
 ) -> tuple["MountedViews", list[tuple[str, str]]]:  # fmt: skip
     """Views of photographs, linear in the colours of the patch that replaces the printed patch.
 
-    Each shows a random square of a photograph in which the patch's middle lies. A fifth of the photographs, whole, is
-    held out: the last ones by name.
+    Each shows a random square of a photograph, with the patch's middle in it. The last fifth of the photographs by name
+    is held out.
 
     Args:
-        workspace: where patches are known.
+        workspace: has the patches.
         photos: photographs, or folders of them.
         found: the printed patches' names or PNG files.
         size_px, size_mm: of the patch that is trained.
-        count: how many views, about.
+        count: number of views, about.
         image_px: their side.
         seed: of the squares.
-        device: where the views go.
+        device: of the views.
 
     Returns:
         The views, and (path, reason) of photographs that show none of the patches.
 
     Raises:
-        ToolkitError: fewer than two photographs show one of them.
+        ToolkitError: fewer than two photographs show any of them.
     """
     patches = [read_known(workspace, name) for name in found]
     fitted, skipped = use_each("finding the patch", photos, lambda file: fit_photo(file, patches), least=2)
@@ -248,7 +216,7 @@ def view_photos(
 
 def _add_hidden(photo: FittedPhoto) -> np.ndarray:
     """(h, w, 4) uint8: the photograph, and how far something hides the patch, from 0 to 255."""
-    scene, hidden = Scene(photo.image, photo.look, photo.patch.pixels), np.zeros(photo.image.shape[:2], np.uint8)
+    scene, hidden = PatchScene(photo.image, photo.look, photo.patch.pixels), np.zeros(photo.image.shape[:2], np.uint8)
     h, w = scene.hidden.shape
     hidden[scene.top : scene.top + h, scene.left : scene.left + w] = np.rint(255 * scene.hidden)
     return np.dstack([photo.image, hidden])
@@ -257,13 +225,15 @@ def _add_hidden(photo: FittedPhoto) -> np.ndarray:
 def _view(
     photo: FittedPhoto, with_hidden: np.ndarray, image_px: int, sheet: tuple[int, float], rng: np.random.Generator
 ) -> LinearView:
-    """A random square of a photograph, of the patch's middle, with paper of `sheet` texels and mm in its place."""
+    """A random square of a photograph round the patch's middle, with paper of `sheet` texels and mm in its place."""
     (h, w), middle = photo.image.shape[:2], photo.look.warp.corners.mean(axis=0)
+    # a random square that holds the patch's middle
     side = rng.uniform(*WINDOW) * min(h, w)
     low = np.clip(middle - side, 0, [w - side, h - side])
     high = np.clip(middle, 0, [w - side, h - side])
     left, top = rng.uniform(low, np.maximum(low, high))
     scale = min(1.0, image_px / side)
+    # shrunk, then cut by an affine map that the patch's warp follows
     small = shrink_image(with_hidden, scale)
     zoom = image_px / side
     T = np.array([[zoom / scale, 0, -left * zoom], [0, zoom / scale, -top * zoom], [0, 0, 1.0]])
@@ -275,17 +245,18 @@ def _view(
     warp = PatchWarp(T @ there.homography, there.bend * T[0, 0])
     picture, hidden = np.ascontiguousarray(picture[..., :3]), picture[..., 3] / np.float32(255)
     kernels, wide = no_spread()
-    scene = Scene(picture, replace(photo.look, warp=warp, kernels=kernels, wide=wide), photo.patch.pixels)
+    scene = PatchScene(picture, replace(photo.look, warp=warp, kernels=kernels, wide=wide), photo.patch.pixels)
     return _make_linear(picture, scene, hidden, sheet)
 
 
-def _make_linear(picture: np.ndarray, scene: Scene, hidden: np.ndarray, sheet: tuple[int, float]) -> LinearView:
+def _make_linear(picture: np.ndarray, scene: PatchScene, hidden: np.ndarray, sheet: tuple[int, float]) -> LinearView:
     """The picture's light without the patch, and the light that white paper in its place would have."""
     (h, w), (n, size_mm) = scene.cover.shape, sheet
     repeat, margin = size_on_paper(n, size_mm)
     light = srgb_to_linear(picture.astype(np.float32) / 255)
     cut = light[scene.top : scene.top + h, scene.left : scene.left + w]
     hidden = hidden[scene.top : scene.top + h, scene.left : scene.left + w, None]
+    # the patch's share of each pixel, and the light of all else
     share = (scene.cover * (1 - hidden[..., 0])).astype(np.float32)
     behind = hidden * cut + (1 - hidden) * scene.around
     dark, coverage = _before_shoulder(light), np.zeros(light.shape[:2], np.float32)
@@ -294,6 +265,7 @@ def _make_linear(picture: np.ndarray, scene: Scene, hidden: np.ndarray, sheet: t
     coverage[scene.top : scene.top + h, scene.left : scene.left + w] = share
     rows, columns = np.nonzero(share > 0)
     white = srgb_to_linear(scene.look.colours(np.full((1, 1, 3), 255, np.uint8))[0, 0]) * scene.gain[rows, columns]
+    # places on the paper with its white margin, and texels per pixel for the level of detail
     uv, paper = scene.uv[rows, columns], n * repeat + 2 * margin
     place = (margin + np.clip(uv, 0, 1) * n * repeat) / paper
     texels = np.maximum(scene.step[rows, columns].max(axis=1) * n * repeat, 1e-6)

@@ -1,15 +1,19 @@
-"""What printer, light and camera made of a patch in one photograph, and what they would make of another in its place.
+"""Model of printer, light and camera by a known patch in a photograph, to draw other patches in its place.
 
-The form of the model, from the file to the photograph:
+The model, from the file to the photograph:
 
-1. colour: a cube of nodes from the file's sRGB to that of a wide, evenly lit texel (`colour_cube`);
-2. light: a gain in linear light, for each channel the exponential of a quadratic in (u, v), 1 at the middle;
-3. place: the homography with its bend, each pixel the mean of linear light over its square;
-4. point spread: for luma and each chroma a kernel with wide Gaussians, on encoded values. Phones sharpen after their
-   tone curve and smooth colours widely, and JPEG halves the chroma. Least squares on the photograph fit the kernels;
-5. noise: normal, its deviation by luma, blurred until neighbours are as alike as the photograph's.
+1. Colour: a cube of nodes from the file's sRGB to that of a wide, evenly lit texel.
 
-What the known patch does not explain in its place (keys, fingers, tape, glare) hides it, and stays.
+2. Light: a gain in linear light, for each channel the exponential of a quadratic in (u, v), none at the middle.
+
+3. Place: the homography with its bend; each pixel is the mean of linear light over its square.
+
+4. Point spread: kernels and wide Gaussians for encoded luma and chroma, by least squares on the photograph. Phones
+   sharpen after their tone curve and smooth colours widely, and JPEG halves the chroma.
+
+5. Noise: normal, its deviation by luma, blurred until neighbours are as alike as the photograph's.
+
+Parts that the known patch does not explain (keys, fingers, tape, glare) hide it, and stay.
 """
 
 from dataclasses import dataclass, replace
@@ -34,7 +38,7 @@ ROBUST_ROUNDS = 5
 LEAST_TEXELS = 60
 DARK = 0.02
 MOST_GAIN = 0.7
-"""Largest change of the logarithm of light over the patch: a corner twice as bright as the middle."""
+"""Largest change of the logarithm of light over the patch: a corner is at most twice as bright as the middle."""
 KERNEL_PX = 9
 KERNEL_SAMPLES = 12_000
 KERNEL_RIDGE = 1e-3
@@ -50,7 +54,7 @@ LEAST_POINTS = 80
 """Smallest number of usable points among the 225 that are followed."""
 RIPPLE_RIDGE = 1.0
 COARSE_PX = 8
-"""What changes slowly is worked out at every eighth pixel."""
+"""Step at which slow changes are computed."""
 NOISE_LEVELS = 8
 LEAST_OF_LEVEL = 0.03
 WIDE_PX, NARROW_PX = 5, 3
@@ -58,10 +62,10 @@ FLAT_PERCENT = 25
 QUARTER = 0.8
 """Lower quartile over root mean square of the deviation of some ten independent values."""
 HIDES = (0.09, 5.0)
-"""What hides the patch differs from it by so much, luma and chroma together, and by so many medians of the rest."""
+"""Least difference of what hides the patch, luma and chroma together, and its least ratio to the median of the rest."""
 FEW_PX = 4.0
 LEAST_HIDDEN = 6.0
-"""Texels: what is smaller is the fit's own miss."""
+"""Least hidden area, texels: smaller areas are misfits."""
 FEATHER_PX = (0.5, 2.0)
 WHITE_PX = 0.2
 
@@ -72,15 +76,14 @@ class PrintedLook:
 
     Attributes:
         warp: the patch in the photo's own pixels.
-        ripple: (21, 2) coefficients of `ripple_terms`: by how much (u, v) differ from the warp's, as paper is wavy.
+        ripple: (21, 2) coefficients of `ripple_terms`: difference of (u, v) from the warp's, as paper is wavy.
         nodes: (nodes³, 3) luma and chroma of each of the cube's colours.
         light: (5, 3) coefficients of `light_terms` for red, green and blue.
         kernels: (3, 9, 9) for luma and the two chromas.
-        wide: (k, 4) what is spread farther: the deviation of a Gaussian in pixels, and which share of the difference
-            that it makes is added to luma and to each chroma.
-        noise: (8, 3) standard deviation by level of luma, evenly from 0 to 1, for luma and chromas.
+        wide: (k, 4) deviation of a Gaussian in pixels, and its weight for luma and each chroma.
+        noise: (levels, 3) standard deviation of luma and chromas by level of luma.
         grain_px: (2,) deviation of the Gaussian that makes white noise as smooth as that of luma, of chroma.
-        delta_e: median ΔE00 of the texels that were fitted to.
+        delta_e: median ΔE00 of the fitted texels.
         shown: share of the texels that are in the picture and not hidden.
     """
 
@@ -96,15 +99,15 @@ class PrintedLook:
     shown: float
 
     def colours(self, pixels: np.ndarray) -> np.ndarray:
-        """(n, n, 3) float sRGB-encoded in [0, 1]: what wide texels of these colours look like at the patch's middle."""
+        """(n, n, 3) float sRGB-encoded colours that wide texels have at the patch's middle."""
         encoded = cube_weights(pixels.reshape(-1, 3) / 255.0) @ self.nodes @ RGB.T
         return np.clip(encoded, 0, 1).reshape(pixels.shape)
 
 
 def even_texels(image: np.ndarray, sighting: PatchSighting, look: PrintedLook, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """(n², 3) linear light of each texel as a share of bare paper's in the same place, and (n²,) 1 where it shows.
+    """Linear light (n², 3) of each texel as a share of paper's in the same place, and (n²,) whether it shows.
 
-    Paper is what the look makes of the file's white: no margin is needed.
+    Paper is the file's white in this look: no margin is needed.
     """
     seen, trust = read_texels(image, sighting, n, look)
     light = np.exp(light_terms(cell_centres(n)) @ look.light)
@@ -126,11 +129,7 @@ def ripple_terms(uv: np.ndarray) -> np.ndarray:
 
 
 def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarray) -> PrintedLook:
-    """Fit what printer, light and camera made of a patch's known texels.
-
-    Raises:
-        ToolkitError: too little of the patch is to be seen.
-    """
+    """Fit the look to a patch's known texels; a `ToolkitError` if too little of the patch shows."""
     n = patch_pixels.shape[0]
     kernels, wide = no_spread()
     look = PrintedLook(
@@ -139,13 +138,13 @@ def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarra
         delta_e=0.0, shown=sighting.shown,
     )  # fmt: skip
     look = _refine_place(image, _fit_print(image, sighting, look, patch_pixels), patch_pixels)
-    # once more, now that it is known to a part of a texel where each lies
+    # once more, as the texels' places are now exact
     look = _fit_print(image, sighting, look, patch_pixels)
     part, moved = _cut_middle(image, look.warp)
     sizes_px = np.array(WIDE) * min(image.shape[:2])
-    kernels, wide = _fit_kernels(Scene(part, replace(look, warp=moved), patch_pixels), sizes_px)
+    kernels, wide = _fit_kernels(PatchScene(part, replace(look, warp=moved), patch_pixels), sizes_px)
     look = replace(look, kernels=kernels, wide=wide)
-    noise, grain_px = _measure_noise(Scene(part, replace(look, warp=moved), patch_pixels), look.warp.side_px / n)
+    noise, grain_px = _measure_noise(PatchScene(part, replace(look, warp=moved), patch_pixels), look.warp.side_px / n)
     return replace(look, noise=noise, grain_px=grain_px)
 
 
@@ -163,13 +162,13 @@ def _fit_print(image: np.ndarray, sighting: PatchSighting, look: PrintedLook, pa
         raise ToolkitError(f"only {int((trust > 0).sum())} texels of the patch can be seen, {LEAST_TEXELS} needed")
     nodes, light, said, weight = _fit_colours(patch_pixels, seen, trust)
     lab = [lab_of_linear(srgb_to_linear(values[weight > 0])) for values in (seen, said)]
-    # what lies outside of the picture does not show either
+    # texels outside of the picture do not show either
     shown = min(look.shown, float((trust > 0).mean()))
     return replace(look, nodes=nodes, light=light, delta_e=float(np.median(delta_e2000(*lab))), shown=shown)
 
 
 def _cut_middle(image: np.ndarray, warp: PatchWarp) -> tuple[np.ndarray, PatchWarp]:
-    """The photo round the patch's middle, enough to measure blur and noise by, and the patch's warp there."""
+    """Cut the photo round the patch's middle, to measure blur and noise; also returns the patch's warp there."""
     (x, y), (h, w) = warp.corners.mean(axis=0), image.shape[:2]
     left, top = int(np.clip(x - MEASURED_PX / 2, 0, w)), int(np.clip(y - MEASURED_PX / 2, 0, h))
     move = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]])
@@ -178,20 +177,20 @@ def _cut_middle(image: np.ndarray, warp: PatchWarp) -> tuple[np.ndarray, PatchWa
 
 
 def read_texels(image: np.ndarray, sighting: PatchSighting, n: int, look: PrintedLook) -> tuple[np.ndarray, np.ndarray]:
-    """(n², 3) mean sRGB-encoded colour of each texel in [0, 1], and (n²,) 1 where it shows, else 0.
+    """Read the mean sRGB-encoded colour (n², 3) of each texel, and (n²,) whether it shows, by the sighting.
 
-    Texels lie where the look has them, ripple included; the sighting says which part of the patch shows.
+    Places of the texels are those of the look, ripple included.
     """
     samples = int(np.clip(np.ceil(look.warp.side_px / n), *TEXEL_SAMPLES))
     scale = min(1.0, samples * n / look.warp.side_px)
     small, warp = shrink_image(image, scale), look.warp.scaled(scale)
-    # the ripple is smooth: few values tell it
+    # the ripple is smooth: few values suffice
     few = min(n, RIPPLE_PLACES)
     ripple = (ripple_terms(cell_centres(few)) @ look.ripple).reshape(few, few, 2).astype(np.float32)
     ripple = cv2.resize(ripple, (n * samples, n * samples), interpolation=cv2.INTER_LINEAR)
     at = warp.to_pixels(cell_centres(n * samples) + ripple.reshape(-1, 2)).reshape(n * samples, -1, 2)
     values = sample_image(small, at).astype(np.float32).reshape(n, samples, n, samples, 3).mean(axis=(1, 3)) / 255
-    # a texel that the frame cuts would be the mean of what is repeated beyond it
+    # the frame is repeated beyond its edge, and would spoil the mean of a texel that it cuts
     within = ((at > 0) & (at < np.array(small.shape[1::-1]))).all(axis=-1)
     within = within.reshape(n, samples, n, samples).all(axis=(1, 3))
     cells = np.arange(n) * len(sighting.agreement) // n
@@ -202,9 +201,9 @@ def read_texels(image: np.ndarray, sighting: PatchSighting, n: int, look: Printe
 def _fit_colours(
     patch_pixels: np.ndarray, seen: np.ndarray, trust: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes, light, what they say of each texel, and the texels' weights.
+    """Fit nodes and light; also returns the colour of each texel by them, and the texels' weights.
 
-    In turns: the cube, given how much of its neighbours a texel's mean holds; those shares; the light.
+    In turns: the cube, given the shares of a texel's neighbours in its mean; those shares; the light.
     """
     n = patch_pixels.shape[0]
     weights = cube_weights(patch_pixels.reshape(-1, 3) / 255.0)
@@ -234,21 +233,21 @@ def _fit_colours(
             for channel in range(3):
                 columns = np.stack([move @ flat[:, channel] for move in around], axis=1)
                 found = np.linalg.lstsq(columns * weight[:, None], even[:, channel] * weight, rcond=None)[0]
-                # shares add up to one, so that an even area keeps its colour; a sum near 0 tells nothing
+                # shares add up to 1, so that an even area keeps its colour; a sum near 0 is useless
                 shares[channel] = found / found.sum() if abs(found.sum()) > 0.2 else shares[channel]
     lit = linear_to_srgb(srgb_to_linear(np.clip(said @ RGB.T, 0, 1)) * np.exp(terms @ light)).astype(float)
     return nodes, light, lit, weight
 
 
 def _shift(n: int, down: int, right: int) -> sparse.csr_matrix:
-    """(n², n²) which texel lies beside each, the edge's own beyond the edge."""
+    """(n², n²) matrix that moves texels, and repeats the edge beyond the edge."""
     rows, columns = np.mgrid[:n, :n]
     beside = np.clip(rows + down, 0, n - 1) * n + np.clip(columns + right, 0, n - 1)
     return sparse.csr_matrix((np.ones(n * n), (np.arange(n * n), beside.ravel())), shape=(n * n, n * n))
 
 
 def _fit_light(terms: np.ndarray, seen: np.ndarray, said: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(5, 3) coefficients: the logarithm of what was seen over what the cube says, bright texels counting most."""
+    """(5, 3) coefficients of the logarithm of the seen light over the cube's, weighted by brightness."""
     there, meant = srgb_to_linear(seen).astype(float), srgb_to_linear(np.clip(said, 0, 1)).astype(float)
     # `DARK` in both keeps noise in the blacks from being a factor of the light
     ratio = np.log((there + DARK) / (meant + DARK))
@@ -261,18 +260,19 @@ def _fit_light(terms: np.ndarray, seen: np.ndarray, said: np.ndarray, weight: np
     return np.clip(light, -MOST_GAIN, MOST_GAIN)
 
 
-class Scene:
+class PatchScene:
     """The part of a photograph round its patch, and the known patch drawn there as the model has it.
 
     Attributes:
         left, top: of the part, pixels of the photo.
         uv: (h, w, 2) places on the patch.
-        step: (h, w, 2) how far u and v run over a pixel.
-        cover: (h, w) share of each pixel that lies on the patch.
-        around: (h, w, 3) linear light of what lies round the patch, and near its rim under it.
-        gain: (h, w, 3) factor on the light of a texel, 1 at the patch's middle.
-        seen, drawn: (h, w, 3) luma and chroma, of the photo and of the known patch.
-        hidden: (h, w) from 0 to 1, where something hides the patch.
+        step: (h, w, 2) change of u and v over a pixel.
+        cover: (h, w) share of each pixel on the patch.
+        around: (h, w, 3) linear light round the patch, and near its rim under it.
+        gain: (h, w, 3) factor on the light of a texel, without change at the patch's middle.
+        seen: (h, w, 3) luma and chroma of the photo.
+        drawn: (h, w, 3) the same of the known patch.
+        hidden: (h, w) from 0 to 1, how far something hides the patch.
     """
 
     def __init__(self, image: np.ndarray, look: PrintedLook, patch_pixels: np.ndarray) -> None:
@@ -332,7 +332,7 @@ class Scene:
             return np.zeros(self.cover.shape, np.float32)
         texel_px = max(self.look.warp.side_px / n, 1.0)
         miss = (self.seen - self.drawn) * inside[..., None]
-        # the mean over a texel or two, in which noise and a shift by a part of a texel vanish; few pixels tell it
+        # the mean over a texel or two, in which noise and small shifts vanish; few pixels suffice
         scale = min(1.0, FEW_PX / texel_px)
         small, part = (cv2.resize(plane, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) for plane in (
             miss.astype(np.float32), inside.astype(np.float32)
@@ -357,8 +357,8 @@ class Scene:
     def put(self, pixels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(h, w, 3) uint8 sRGB: this part of the photo with another patch in place of the known patch.
 
-        At the rim the difference of the two patches is added to the photo, so that what lies round it stays as it
-        is; further in, nothing of the old patch is left.
+        At the rim the difference of the two patches is added to the photo, so that its surroundings stay. Farther in,
+        nothing of the old patch is left.
         """
         other = self.draw(pixels)
         rim_px = np.minimum(self.uv, 1 - self.uv) / np.maximum(self.step, 1e-9)
@@ -368,7 +368,7 @@ class Scene:
         change = inner * (new - self.seen) + (1 - inner) * (other - self.drawn)
         ycc = self.seen + (1 - self.hidden[..., None]) * change
         encoded = np.clip(ycc @ RGB.T.astype(np.float32), 0, 1)
-        # a kernel carries the change so far beyond the patch's rim; further out the photo's bytes stay as they are
+        # a kernel spreads the change beyond the patch's rim; farther out the photo's bytes stay as they are
         reached = cv2.dilate((self.cover > 0).astype(np.uint8), np.ones((KERNEL_PX, KERNEL_PX), np.uint8))
         return np.where(reached[..., None] > 0, np.rint(encoded * 255).astype(np.uint8), self._cut)
 
@@ -394,21 +394,16 @@ class Scene:
 
 
 def draw_texels(texels: np.ndarray, uv: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """(h, w, c) float32 mean of texels (n, n, c) over each pixel.
+    """(h, w, c) float32 mean of texels (n, n, c), linear light, over each pixel, at `uv` and `step` as in `PatchScene`.
 
-    Args:
-        texels: values, linear light.
-        uv: (h, w, 2) of pixel centres.
-        step: (h, w, 2) how far u and v run over a pixel.
-
-    A pixel's mean over square texels along one axis is a straight line from texel to texel as wide as the pixel is;
-    where several texels lie in a pixel they are averaged first.
+    Along an axis, a pixel's mean over square texels is linear from texel to texel over the pixel's width. Several
+    texels in a pixel are averaged first.
     """
     n = texels.shape[0]
     wide = float(np.median(step) * n)
     source: np.ndarray = texels.astype(np.float32)
     if wide > 1:  # several texels in a pixel: the line below is a texel wide, the rest is blurred here
-        # a square of width w has a variance of w² / 12; the line of one texel has 1 / 12 of it already
+        # a square of width w has a variance of w² / 12; the line of a texel has 1 / 12 of it already
         source = cv2.GaussianBlur(source, (0, 0), np.sqrt((wide**2 - 1) / 12) + 1e-3, borderType=cv2.BORDER_REPLICATE)
     place = uv * n - 0.5
     low = np.floor(place)
@@ -422,19 +417,19 @@ def _to_ycc(encoded: np.ndarray) -> np.ndarray:
 
 
 def _refine_place(image: np.ndarray, look: PrintedLook, patch_pixels: np.ndarray) -> PrintedLook:
-    """Align once more, with the printed colours and nearly the photo's own size; kept where it fits better."""
+    """Align once more, with the printed colours at nearly the photo's own size; kept if it fits better."""
     scale = min(1.0, REFINE_PX / look.warp.side_px)
     small = shrink_image(image, scale)
     grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255
     best = replace(look, warp=look.warp.scaled(scale))
-    scene = Scene(small, best, patch_pixels)
+    scene = PatchScene(small, best, patch_pixels)
     for is_ripple in (False, True):
         uv, pixels = follow(grey, scene.grey_drawn(), best.warp)
         if is_ripple:
             better = replace(best, ripple=_fit_ripple(uv, best.warp.to_patch(pixels) - uv))
         else:
             better = replace(best, warp=fit_warp(uv, pixels, best.warp, REFINE_STIFFNESS, 0.3))
-        tried = Scene(small, better, patch_pixels)
+        tried = PatchScene(small, better, patch_pixels)
         if tried.luma_error() < scene.luma_error():
             best, scene = better, tried
     inside = scene.cover > 0.99
@@ -443,7 +438,7 @@ def _refine_place(image: np.ndarray, look: PrintedLook, patch_pixels: np.ndarray
 
 
 def _fit_ripple(uv: np.ndarray, apart: np.ndarray) -> np.ndarray:
-    """(21, 2) coefficients of how far points (k, 2) lie from where the warp has them, by robust least squares."""
+    """(21, 2) coefficients of the distances of points (k, 2) from their places by the warp, robust least squares."""
     ripple = np.zeros((RIPPLE_TERMS, 2))
     if len(uv) < LEAST_POINTS:
         return ripple
@@ -456,16 +451,16 @@ def _fit_ripple(uv: np.ndarray, apart: np.ndarray) -> np.ndarray:
     return ripple
 
 
-def _fit_kernels(scene: Scene, sizes_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(3, 9, 9) kernels and (k, 4) `PrintedLook.wide` that make the drawn patch as sharp as the photo's.
+def _fit_kernels(scene: PatchScene, sizes_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fit `kernels` and `wide` of `PrintedLook`, which make the drawn patch as sharp as the photo's.
 
-    By least squares over pixels; both leave an even area as it is.
+    By least squares over pixels; both keep an even area.
     """
     reach = KERNEL_PX // 2
     good = (scene.cover > 0.99) & (scene.hidden < 0.01)
     good[:reach], good[-reach:], good[:, :reach], good[:, -reach:] = False, False, False, False
     rows, columns = np.nonzero(good)
-    # ten pixels for each number of the kernel, or noise would be fitted
+    # ten pixels for each number of the kernel, against fitting noise
     if len(rows) < 10 * KERNEL_PX**2:
         return scene.look.kernels, scene.look.wide
     some = np.linspace(0, len(rows) - 1, min(len(rows), KERNEL_SAMPLES)).round().astype(int)
@@ -482,7 +477,7 @@ def _fit_kernels(scene: Scene, sizes_px: np.ndarray) -> tuple[np.ndarray, np.nda
         own = near[:, [centre.size // 2]]
         apart = (np.c_[near, far] - own).astype(float)
         miss = (scene.seen[rows, columns, channel] - own[:, 0]).astype(float)
-        # all pixels count alike: what hides the patch is left out, and edges, which miss most, tell the spread
+        # all pixels count alike: hidden pixels are left out, and edges, which miss most, determine the spread
         normal = apart.T @ apart
         normal += KERNEL_RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
         # less its own mean: a shift of brightness is no blur
@@ -502,10 +497,10 @@ def _blur_widely(channel: np.ndarray, sigma_px: float) -> np.ndarray:
     return small if scale == 1 else cv2.resize(small, channel.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
 
-def _measure_noise(scene: Scene, texel_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """(levels, 3) deviation of luma and chromas by level of luma, and (2,) how smooth their noise is, pixels."""
+def _measure_noise(scene: PatchScene, texel_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Measure `noise` and `grain_px` of `PrintedLook`."""
     miss = scene.seen - scene.drawn
-    # about the mean of so many pixels each way: what the colours miss is no noise
+    # about the local mean: a misfit of the colours is no noise
     wide = WIDE_PX if texel_px > 1.5 * WIDE_PX else NARROW_PX
     apart = miss - cv2.blur(miss, (wide, wide))
     # n / (n - 1): the mean is of the same pixels
@@ -515,7 +510,7 @@ def _measure_noise(scene: Scene, texel_px: float) -> tuple[np.ndarray, np.ndarra
         return np.zeros((NOISE_LEVELS, 3)), np.zeros(2)
     level = np.clip(np.rint(scene.drawn[..., 0][good] * (NOISE_LEVELS - 1)), 0, NOISE_LEVELS - 1).astype(int)
     values = spread[good]
-    # what is drawn flat tells it: an edge that lies a part of a pixel beside its place looks like noise
+    # by flat parts: an edge a little beside its place looks like noise
     luma = scene.drawn[..., 0]
     edges = (cv2.blur(luma**2, (wide, wide)) - cv2.blur(luma, (wide, wide)) ** 2)[good]
     # a level that few pixels have, as overshoot beside an edge is, takes its neighbours' noise
@@ -536,9 +531,8 @@ def _measure_noise(scene: Scene, texel_px: float) -> tuple[np.ndarray, np.ndarra
         for channel in channels:
             limit = 4 * max(whole[channel], 1e-6)
             clipped = np.clip(miss[..., channel], -limit, limit)
-            alike.append(
-                (clipped[:, 1:] * clipped[:, :-1])[pairs].mean() / max(float((clipped[quiet] ** 2).mean()), 1e-12)
-            )
+            power = max(float((clipped[quiet] ** 2).mean()), 1e-12)
+            alike.append((clipped[:, 1:] * clipped[:, :-1])[pairs].mean() / power)
         # white noise through a Gaussian: neighbours correlate by exp(-1 / (4 σ²))
         likeness = float(np.clip(np.mean(alike), 0.0, 0.9))
         grain.append(0.0 if likeness < 0.01 else 0.5 / np.sqrt(-np.log(likeness)))
@@ -551,5 +545,5 @@ def _smooth_noise(white: np.ndarray, sigma_px: float) -> np.ndarray:
         return white
     kernel = cv2.getGaussianKernel(2 * int(np.ceil(3 * sigma_px)) + 1, sigma_px)
     blurred = cv2.sepFilter2D(white, -1, kernel, kernel, borderType=cv2.BORDER_REFLECT_101)
-    # white noise of deviation 1 through a kernel has the root of the kernel's sum of squares, once along each axis
+    # the kernel's sum of squares is the deviation that it leaves of white noise, once along each axis
     return np.asarray(blurred / float((kernel**2).sum()))

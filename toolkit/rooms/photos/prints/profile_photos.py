@@ -34,16 +34,7 @@ SMALL_PX = 150.0
 
 @dataclass(frozen=True)
 class ProfiledPhoto:
-    """What one photo showed.
-
-    Attributes:
-        name: of the file.
-        sha256: of the file.
-        side_px: of the patch in it.
-        colour: the print against the file.
-        has_strip: whether the colour strip was read.
-        size_mm: side of the patch by the sheet's edges, None where they are not seen.
-    """
+    """Measures of a photo: the side of the patch in pixels, and in mm by the sheet's edges, and the print's colours."""
 
     name: str
     sha256: str
@@ -55,15 +46,7 @@ class ProfiledPhoto:
 
 @dataclass(frozen=True)
 class ProfileRun:
-    """A fitted profile and what it was fitted to.
-
-    Attributes:
-        profile: the profile.
-        photos: those that were used.
-        skipped: (path, reason) of those that could not be.
-        tried: held-out median ΔE00 by model.
-        warnings: what the user should know.
-    """
+    """A fitted profile, its photos, (path, reason) of unusable photos, held-out median ΔE00 by model, and warnings."""
 
     profile: PrintProfile
     photos: tuple[ProfiledPhoto, ...]
@@ -73,7 +56,7 @@ class ProfileRun:
 
 
 def choose_printed(workspace: Workspace, class_name: str, size_mm: float | None) -> tuple[Patch, float]:
-    """The patch of a name or class, and the side at which it was printed: as given, else as `toolkit print` makes it.
+    """Return the patch of a name or class, and its printed side: as given, else as `toolkit print` makes it.
 
     Raises:
         FieldError: several patches are meant, or the object has sheets of several sizes and none is given.
@@ -81,9 +64,7 @@ def choose_printed(workspace: Workspace, class_name: str, size_mm: float | None)
     chosen = select_patches(workspace, [class_name])
     if len(chosen) > 1:
         names = ", ".join(file.stem for file in chosen)
-        raise FieldError(
-            f"means {len(chosen)} patches: name one of them by its file: {names}", {"class_name": class_name}
-        )
+        raise FieldError(f"means {len(chosen)} patches: choose by the file's name: {names}", {"class_name": class_name})
     patch = read_patch(chosen[0])
     if size_mm is not None:
         return patch, size_mm
@@ -103,13 +84,14 @@ def profile_photos(
         paths: photographs, or folders of them.
         patch: the file that was printed.
         paper: the sheet, for photos that show all of it.
-        size_mm: side of the printed patch; by default as its record says.
+        size_mm: side of the printed patch; by default that of its record.
         name: of the profile; by default the patch's.
-        by: who measured.
+        by: name of the person who measured.
 
     Raises:
         ToolkitError: a folder cannot be read, or no photo could be used; the message says why of the first.
     """
+    # colours and strip of each photograph, then a transform for all
     expected_mm = size_mm or patch.size_mm
     read, skipped = use_each("reading prints", paths, lambda file: _read_print(file, patch, paper, expected_mm))
     photos, about = [photo for photo, _, _ in read], patch.record
@@ -126,7 +108,7 @@ def profile_patches(
     """Fit a print profile to photographs of patches whose files are known, cut tight or not: white is their own.
 
     Raises:
-        ToolkitError: no photo shows one of the patches.
+        ToolkitError: no photo shows any of the patches.
     """
     read, skipped = use_each("reading prints", paths, lambda file: _read_patch(file, patches))
     photos = [photo for photo, _, _ in read]
@@ -140,6 +122,7 @@ def _read_patch(
     file: Path, patches: Sequence[KnownPatch]
 ) -> tuple[ProfiledPhoto, KnownPatch, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """A photograph, the patch that it shows, and that file's pixels, its texels' light and where they show."""
+    # the look has the texels' light and the paper's white
     found = fit_photo(file, patches)
     pixels = found.patch.pixels
     seen, trust = even_texels(found.image, found.sighting, found.look, pixels.shape[0])
@@ -159,12 +142,13 @@ def _read_print(
             f"the patch '{patch.record.name}' was not found in it: photograph the whole page flat, sharp and in even "
             "light, and name the patch that is on it"
         )
+    # colours against paper, and the size against the sheet's edges
     strip = read_strip(image)
     part = read_colours(image, sighting, size_mm, None if strip is None else strip.white_linear, patch.pixels)
     page = measure_on_page(image, sighting, paper)
     photo = ProfiledPhoto(
         file.name, about.sha256, sighting.warp.side_px, compare_colours(part, patch.pixels), strip is not None,
-        size_mm=None if page is None else page.size_mm,
+        size_mm=None if page is None else float(np.sqrt(page[0] * page[1])),
     )  # fmt: skip
     return photo, part, strip
 
@@ -184,16 +168,18 @@ def _make_profile(
 
 
 def _warn(photos: Sequence[ProfiledPhoto], expected_mm: float) -> list[str]:
-    """What is wrong with the print or the photos, one line each."""
+    """A line for each fault of the print or the photos."""
     lines = []
     for photo in photos:
         if photo.size_mm is not None and abs(photo.size_mm / expected_mm - 1) > SIZE_TOLERANCE:
             lines.append(
-                f"{photo.name}: by the sheet's edges the patch is {photo.size_mm:.1f} mm where {expected_mm:.1f} mm "
-                f"was meant ({photo.size_mm / expected_mm:.1%}): print it at 100 %, 'actual size'"
+                f"{photo.name}: by the sheet's edges the patch is {photo.size_mm:.1f} mm, not {expected_mm:.1f} mm "
+                f"({photo.size_mm / expected_mm:.1%}): print it at 100 %, 'actual size'"
             )
         if photo.side_px < SMALL_PX:
-            lines.append(f"{photo.name}: the patch is {photo.side_px:.0f} px wide: {SMALL_PX:.0f} px or more tell more")
+            lines.append(
+                f"{photo.name}: the patch is {photo.side_px:.0f} px wide: {SMALL_PX:.0f} px or more are better"
+            )
     if not any(photo.has_strip for photo in photos):
         lines.append("no photo shows the colour strip: colours that the patch lacks are guessed from those it has")
     return lines

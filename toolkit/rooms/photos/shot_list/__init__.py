@@ -1,1 +1,1 @@
-"""The list to take to the table: how to stick the patch, then every camera place with what it should see."""
+"""The printed shot list: how to stick the patch, then every camera place with its picture."""

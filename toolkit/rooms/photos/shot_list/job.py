@@ -27,13 +27,7 @@ from toolkit.rooms.photos.shot_list.session import (
     draw_sheets_page,
     prepare_session,
 )
-from toolkit.rooms.photos.shot_list.tour import (
-    Stop,
-    draw_from_above,
-    draw_from_side,
-    find_legs,
-    name_change,
-)
+from toolkit.rooms.photos.shot_list.tour import Stop, draw_from_above, draw_from_side, find_legs, name_change
 from toolkit.rooms.photos.shot_order import (
     ShotList,
     list_shots,
@@ -52,12 +46,19 @@ GAP_MM = 2.0
 
 
 def draw_card(pdf: Pdf, area: Rect, session: ObjectSession, stop: Stop, last: bool) -> None:
-    """Draw one place into its area, with a line below it unless it is the last."""
+    """Draw a place into its area, with a line below it unless it is the last."""
     if not last:
         pdf.ink(FAINT, 0.2)
         pdf.line(area.x, area.y, area.right, area.y)
     inside = Rect(area.x, area.y + PAD_MM, area.width, area.height - 2 * PAD_MM)
-    _draw_number(pdf, inside, stop)
+    # number and roll of the pose on the left
+    middle, room = inside.x + NUMBER_MM / 2 - 1.0, NUMBER_MM - 2
+    pdf.write("pose", middle, inside.top - 3.2, 2.3, room_mm=NUMBER_MM, align="centre", colour=SOFT)
+    pdf.write(str(stop.pose.id), middle, inside.top - 12.0, 9.5, room_mm=room - 0.5, font=BOLD, align="centre")
+    if abs(stop.place.roll_deg) > 0.05:
+        roll = f"roll {stop.place.roll_deg:+.0f}°"
+        pdf.write(roll, middle, inside.top - 16.6, 2.5, room_mm=room, align="centre", colour=CAMERA)
+    # its pictures, the drawings from above and from the side, and a line for notes
     side_mm = min(0.285 * area.width, 56.0)
     width = inside.width - NUMBER_MM - ABOVE_MM - side_mm - 2
     pictures = Rect(inside.x + NUMBER_MM, inside.y, width, inside.height)
@@ -70,22 +71,12 @@ def draw_card(pdf: Pdf, area: Rect, session: ObjectSession, stop: Stop, last: bo
     pdf.line(pictures.right + 4.5 + taken, inside.y + 0.6, area.right, inside.y + 0.6)
 
 
-def _draw_number(pdf: Pdf, inside: Rect, stop: Stop) -> None:
-    middle = inside.x + NUMBER_MM / 2 - 1.0
-    pdf.write("pose", middle, inside.top - 3.2, 2.3, room_mm=NUMBER_MM, align="centre", colour=SOFT)
-    number = str(stop.pose.id)
-    pdf.write(number, middle, inside.top - 12.0, 9.5, room_mm=NUMBER_MM - 2.5, font=BOLD, align="centre")
-    if abs(stop.place.roll_deg) > 0.05:
-        words = f"roll {stop.place.roll_deg:+.0f}°"
-        pdf.write(words, middle, inside.top - 16.6, 2.5, room_mm=NUMBER_MM - 2, align="centre", colour=CAMERA)
-
-
 def _draw_pictures(pdf: Pdf, room: Rect, session: ObjectSession, stop: Stop) -> None:
-    """A picture per variant, always in the same places; under each its tick box and the number of its shot."""
+    """Draw a picture per variant, always in the same places, with a tick box and the number of its shot below."""
     shots = {shot.variant: shot for shot in stop.shots}
     # `unpatched` first, so that pictures of the same kind stand below each other on every card
     order = sorted(shots, key=lambda variant: (variant != "unpatched", variant))
-    # one picture keeps the size that it has beside another
+    # a single picture keeps the size that it has beside another
     cells = fit_grid(max(len(order), 2), room, session.camera.width / session.camera.height)
     for variant, cell in zip(order, cells, strict=False):
         picture = Rect(room.x + cell.x, room.top + cell.y, cell.width, cell.height)
@@ -101,7 +92,7 @@ def _draw_pictures(pdf: Pdf, room: Rect, session: ObjectSession, stop: Stop) -> 
 
 
 def _draw_cross(pdf: Pdf, picture: Rect) -> None:
-    """A small cross at the picture's middle, to aim with: white under dark, so that it shows on both."""
+    """Draw a small cross at the picture's middle, to aim with: white under dark, so that it shows on both."""
     x, y = picture.x + picture.width / 2, picture.y + picture.height / 2
     for colour, line in ((WHITE, 0.45), (INK, 0.15)):
         pdf.ink(colour, line)
@@ -110,10 +101,7 @@ def _draw_cross(pdf: Pdf, picture: Rect) -> None:
 
 
 def fit_grid(count: int, room: Rect, aspect: float) -> list[Rect]:
-    """Pictures of that aspect, as large as fit a room with a caption under each, side by side and in rows.
-
-    Their places are counted from the room's upper left corner, y upwards and so negative.
-    """
+    """Arrange pictures of an aspect in rows, with captions, as large as fit a room; places are from its upper left."""
     best: tuple[float, int] = (0.0, 1)
     for columns in range(1, count + 1):
         rows = -(-count // columns)
@@ -133,8 +121,7 @@ HEADER_MM = 13.0
 FOOTER_MM = 6.0
 BAND_MM = 6.4
 BAND: Colour = (0.985, 0.925, 0.895)
-LEAST_CARD_MM = 36.0
-"""Lower cards have pictures too small to aim by."""
+LEAST_CARD_MM = 36.0  # lower cards have pictures too small to aim by
 HASH_DIGITS = 12
 
 
@@ -149,13 +136,9 @@ class CardsPage:
 def build_shot_list(
     sessions: Sequence[ObjectSession], paper: Paper, seed: int, order: str, bar: Ticker
 ) -> tuple[bytes, int]:
-    """The PDF of a whole session and its number of pages; the same arguments give the same bytes.
+    """Draw the PDF of a whole session, on upright paper; returns it with its number of pages, reproducibly.
 
-    Args:
-        sessions: of the objects, in the order of shooting.
-        paper: taken upright.
-        seed, order: what the order of the shots follows from, for the footer.
-        bar: counts one per object.
+    The footer states `seed` and `order` of the shots. `bar` advances by 1 for each object.
     """
     paper = paper.turn("portrait")
     names = ", ".join(session.item.name for session in sessions)
@@ -171,7 +154,7 @@ def build_shot_list(
         name, plan = session.item.name, session.poses_sha256[:HASH_DIGITS]
         for index, page in enumerate(pages, 1):
             number += 1
-            # what the order follows from stands on the page, so that a printed list can be told from a later list
+            # seed and order stand on the page, so that a printed list differs from a later list
             made = f"order {order}, seed {seed}   ·   toolkit {__version__}   ·   {number}/{total}"
             with pdf.page():
                 _draw_header(pdf, area, session, page)
@@ -189,7 +172,7 @@ def build_shot_list(
 
 
 def count_cards(height_mm: float) -> int:
-    """How many cards a page holds."""
+    """Number of cards on a page."""
     return max(1, int((height_mm - BAND_MM) // LEAST_CARD_MM))
 
 
@@ -202,13 +185,12 @@ def lay_out_pages(session: ObjectSession, height_mm: float) -> list[CardsPage | 
 
 def lay_out_cards(session: ObjectSession, height_mm: float) -> list[CardsPage]:
     """Spread the places of an object over pages."""
-    many, stops = count_cards(height_mm), session.stops
-    bands = name_bands(session)
+    many, stops, bands = count_cards(height_mm), session.stops, name_bands(session)
     return [CardsPage(stops[i : i + many], tuple(bands[i : i + many])) for i in range(0, len(stops), many)]
 
 
 def name_bands(session: ObjectSession) -> list[str]:
-    """What happens after each place: the sheet's changes there and the end of a round; empty if nothing changes."""
+    """Name the sheet's changes after each place and the end of a round; empty if nothing changes."""
     words: list[list[str]] = [[] for _ in session.stops]
     if not session.rounds:
         return ["" for _ in words]
@@ -218,15 +200,15 @@ def name_bands(session: ObjectSession) -> list[str]:
         onward = "" if after else "done"
         # the next round begins elsewhere than where the last round ended: you have to walk
         if after is not None and after.stops[0] != before.stops[1] + 1:
-            onward = f"go on with pose {session.stops[after.stops[0] - 1].pose.id}"
+            onward = f"continue with pose {session.stops[after.stops[0] - 1].pose.id}"
         if next_steps := ", ".join(filter(None, (change, onward))):
             words[before.stops[1] - 1].append(f"after shot {before.shots[1]}: {next_steps}")
     return ["   ·   ".join(parts) for parts in words]
 
 
 def _draw_cards(pdf: Pdf, area: Rect, session: ObjectSession, page: CardsPage) -> None:
-    """The cards of a page, and between two of them a line that says what changes there."""
-    # all pages of an object have cards of the same height, which is that of the page with most bands
+    """Draw the cards of a page, and between two of them the changes."""
+    # all pages of an object have cards of the same height, by the page with most bands
     most_bands = max(sum(map(bool, other.bands)) for other in lay_out_cards(session, area.height))
     height = (area.height - most_bands * BAND_MM) / count_cards(area.height)
     top = area.top
@@ -246,12 +228,10 @@ def _draw_header(pdf: Pdf, area: Rect, session: ObjectSession, page: CardsPage |
     name = session.item.name
     taken = pdf.write(name, area.x, top - 6.2, 7.0, room_mm=0.55 * area.width, font=BOLD)
     label = str(session.item.spec.class_name)
-    if not isinstance(page, CardsPage):
-        words = f"class {label}" if label != name else ""
-        right = "shot list"
-    else:
-        words = ""
-        right = f"pose{'s' if len(page.stops) > 1 else ''} {' '.join(str(stop.pose.id) for stop in page.stops)}"
+    words, right = f"class {label}" if label != name else "", "shot list"
+    if isinstance(page, CardsPage):
+        poses = " ".join(str(stop.pose.id) for stop in page.stops)
+        words, right = "", f"pose{'s' if len(page.stops) > 1 else ''} {poses}"
     pdf.write(words, area.x + taken + 3, top - 6.2, 3.2, room_mm=0.3 * area.width, colour=SOFT)
     pdf.write(right, area.right, top - 6.2, 4.2, room_mm=0.4 * area.width, font=BOLD, align="right")
     pdf.ink(INK, 0.5)
@@ -271,16 +251,14 @@ NARROWEST_MM, LOWEST_MM = 180.0, 250.0
 
 @dataclass(frozen=True)
 class WrittenShotList:
-    """What was made.
+    """Files of a shot list, their numbers of pages and shots, and the objects in the order of shooting.
 
     Attributes:
         pdf_file, shots_file: the pages to take along, and the order for `toolkit import` and `toolkit studio`.
-        pages, shots: how many.
-        objects: in the order of shooting.
-        travel_m: how far the camera moves, in metres.
+        travel_m: distance that the camera moves, metres.
         without_patch: objects with nothing to stick on, and why.
-        replaced: there was a list of other shots, or in another order, before.
-        notes: pages that are of another size or another patch than the object's spec asks for.
+        replaced: whether an earlier list had other shots, or another order.
+        notes: pages of another size or another patch than the object's spec asks for.
     """
 
     pdf_file: str
@@ -297,15 +275,9 @@ class WrittenShotList:
 def write_shot_list(
     workspace: Workspace, plan: CapturePlan, objects: Sequence[str], config: ShotListConfig, seed: int = 0
 ) -> WrittenShotList:
-    """Order the shots of some objects, draw them, and write both files, the PDF first.
+    """Order the shots of some objects, draw them on upright paper, and write both files, the PDF first.
 
-    Args:
-        workspace: whose objects and patches are meant.
-        plan: camera and poses.
-        objects: in the order of shooting.
-        config: variants, order and paper, which is taken upright; variants that need a patch are left out of an object
-            that has none.
-        seed: of the order.
+    Variants that need a patch are left out of an object without a patch.
 
     Raises:
         ToolkitError: an object or variant is unknown, a patch's files do not match, a pose cannot be shot, nothing is
@@ -314,9 +286,13 @@ def write_shot_list(
     for variant in config.variants:
         if variant not in VARIANTS:
             raise one_of("variant", variant, list(VARIANTS))
-    paper, order = parse_paper(config.paper), config.order
+    paper, order = parse_paper(config.paper).turn("portrait"), config.order
     # before objects are loaded and rendered: a paper that is too small fails at once
-    _check_paper(paper)
+    if paper.width_mm < NARROWEST_MM or paper.height_mm < LOWEST_MM:
+        raise FieldError(
+            f"expected at least {NARROWEST_MM:.0f} × {LOWEST_MM:.0f} mm for a shot list: choose a4 or letter",
+            {"paper": config.paper},
+        )
     items: dict[str, TableObject] = {}
     with progress("reading the objects", len(set(objects))) as bar:
         for name in dict.fromkeys(objects):
@@ -337,11 +313,11 @@ def write_shot_list(
             papers = Papers(board, printed[name][0], missing.get(name))
             sessions.append(prepare_session(item, plan, own, boosters[name], papers, bar))
         content, pages = build_shot_list(sessions, paper, seed, order, bar)
-    # the PDF first: where it cannot be written, the order in use stays as it is
+    # the PDF first: if it cannot be written, the order in use stays as it is
     pdf_file = write_bytes(workspace.print_dir / "shot_list.pdf", content)
     shots_file = workspace.root / "rig" / "shots.json"
     shots = list_shots(plan, steps, seed, order)
-    # before the file is replaced that it is compared with
+    # compared before the earlier file is replaced
     replaced = _is_other(shots_file, shots)
     write_shots(shots_file, shots)
     return WrittenShotList(
@@ -354,7 +330,7 @@ def write_shot_list(
 def _find_boosters(
     workspace: Workspace, item: TableObject, variants: Sequence[str], missing: dict[str, str]
 ) -> dict[str, AppliedBooster | None]:
-    """What is stuck on in each variant; an object without a patch is left with `unpatched`, and `missing` says why."""
+    """Find the booster of each variant; an object without a patch keeps `unpatched`, and `missing` gets the reason."""
     found: dict[str, AppliedBooster | None] = {}
     for variant in dict.fromkeys(variants):
         try:
@@ -370,7 +346,7 @@ def _find_boosters(
 def _find_page(
     workspace: Workspace, name: str, boosters: dict[str, AppliedBooster | None]
 ) -> tuple[str | None, str | None]:
-    """The page of an object's patch, relative to the workspace; else what is wrong with the page that is there."""
+    """The page of an object's patch, relative to the workspace; else the fault of the page that is there."""
     patch = boosters.get("patched")
     wrong: str | None = None
     if patch is None or not patch.sizes_mm:
@@ -385,19 +361,10 @@ def _find_page(
             return shown, None
         what = say_sizes(sizes_mm) if sha256 == patch.sha256 else "of another patch"
         wrong = wrong or (
-            f"{shown} is {what}, the rig mounts {patch.name} on {name} at {say_sizes(patch.sizes_mm)}: print it anew "
+            f"{shown} is {what}, the rig mounts {patch.name} on {name} at {say_sizes(patch.sizes_mm)}: print it again "
             f"with 'toolkit print --object {name}'"
         )
     return None, wrong
-
-
-def _check_paper(paper: Paper) -> None:
-    upright = paper.turn("portrait")
-    if upright.width_mm < NARROWEST_MM or upright.height_mm < LOWEST_MM:
-        raise FieldError(
-            f"expected at least {NARROWEST_MM:.0f} × {LOWEST_MM:.0f} mm for a shot list: choose a4 or letter",
-            {"paper": paper.name},
-        )
 
 
 def _is_other(file: Path, shots: ShotList) -> bool:

@@ -1,4 +1,4 @@
-"""Where the sheet is stuck, as a picture and a drawing with millimetres, and what the camera should see."""
+"""Pictures of the poses, and a drawing with millimetres of the place of each sheet."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,10 +30,10 @@ from toolkit.rig.variants import apply_booster
 WIDTH_PX = 416
 """250 dpi on a picture 42 mm wide."""
 TABLE_SCALE = 1.6
-"""The table reaches further than the rig's own, so that few pictures show its end."""
+"""The table is larger than the rig's own, so that few pictures show its end."""
 JPEG_QUALITY = 85
 BRIGHTER = 1.25
-"""Than a photograph: printers darken, and white paper is white."""
+"""Factor on a photograph's exposure: printers darken, and white paper is white."""
 DETAIL = BakeDetail(key_rays=16, room_rays=48, surface_spacing=0.026, table_spacing=0.022)
 
 
@@ -48,11 +48,7 @@ def draw_views(
     item: TableObject, camera: Camera, poses: list[Pose], boosters: Mapping[str, AppliedBooster | None],
     board: Board | None, bar: Ticker,
 ) -> dict[tuple[str, int], bytes]:  # fmt: skip
-    """JPEGs by (variant, pose id), as wide as `WIDTH_PX` and of the camera's aspect; `bar` counts one per picture.
-
-    Raises:
-        ToolkitError: a sheet cannot be mounted on the object.
-    """
+    """JPEGs by (variant, pose id), as wide as `WIDTH_PX` and of the camera's aspect; a `bar` step each."""
     small = camera.scaled(WIDTH_PX, max(1, round(WIDTH_PX * camera.height / camera.width)))
     studio = make_light_studio(item, board)
     views = {}
@@ -86,17 +82,17 @@ class MountDrawing:
 
     Attributes:
         jpeg: the picture, the object cut out on white.
-        frame_mm: left, bottom, right, top of the picture, millimetres along right and up.
+        frame_mm: left, bottom, right, top of the picture.
         object_mm: left, bottom, right, top of the object.
-        extremes_mm: (4, 2) where the object reaches these.
-        sheet_mm: the same of the cut sheet, with its white margin.
+        extremes_mm: (4, 2) points of the object there.
+        sheet_mm: left, bottom, right, top of the cut sheet, with its white margin.
         outline_mm: (k, 2) the cut sheet's edge.
         patch_mm: (k, 2) the patch's edge.
-        centre_mm, arrow_mm: (2,) the sheet's middle, and a unit step along the arrow that is printed on the page (on
-            top) or towards the sheet's upper edge (on a side).
-        size_mm, cut_mm: sides of patch and cut sheet on paper.
-        mount: where the object's spec has it.
-        number, count: of the sheet, 1 for the first, and how many the object has.
+        centre_mm: (2,) the sheet's middle.
+        arrow_mm: (2,) a unit step along the page's arrow (on top) or towards the sheet's upper edge (on a side).
+        size_mm: side of the patch on paper, and `cut_mm` of the cut sheet.
+        mount: of the object's spec.
+        number: of the sheet, from 1 to `count`.
     """
 
     jpeg: bytes
@@ -116,17 +112,13 @@ class MountDrawing:
 
     @property
     def gaps_mm(self) -> tuple[float, float, float, float]:
-        """From the object's outermost edge to the sheet's: left, bottom, right, top; negative where it hangs over."""
+        """From the object's outermost edge to the sheet's: left, bottom, right, top; negative if it hangs over."""
         a, b = self.object_mm, self.sheet_mm
         return b[0] - a[0], b[1] - a[1], a[2] - b[2], a[3] - b[3]
 
 
 def draw_mountings(item: TableObject, booster: AppliedBooster) -> list[MountDrawing]:
-    """For each sheet of an object the side that it is stuck on, with all sheets on it.
-
-    Raises:
-        ToolkitError: a sheet cannot be mounted there.
-    """
+    """Draw for each sheet of an object its side, with all sheets; a `ToolkitError` if a sheet cannot be mounted."""
     sheets = booster.sheets(item)
     return [_draw_mounting(item, sheets, index) for index in range(len(sheets))]
 
@@ -138,7 +130,7 @@ def _draw_mounting(item: TableObject, sheets: Sequence[MountedSheet], index: int
     half = len(sheet.mesh.vertices) // 2  # the printed face; the other half is the paper's back
     face = sheet.mesh.vertices[:half] @ flat
     cut_mm = sheet.size_mm + 2 * TAPE_MARGIN_MM
-    # along one straight edge and back along the other: the outline of the sheet's face
+    # along a straight edge and back along the other: the outline of the sheet's face
     edge = np.concatenate([face[0::2], face[1::2][::-1]])
     patch = _inset(face, sheet.mesh.uv[:half], TAPE_MARGIN_MM / cut_mm)
     middle = face.mean(axis=0)
@@ -165,7 +157,7 @@ def _inset(points: np.ndarray, uv: np.ndarray, inner: float) -> np.ndarray:
     Vertices alternate between the sheet's two straight edges, k points along each.
     """
     first, second = points[0::2], points[1::2]
-    # u or v runs along the bend, the other from one straight edge to the other
+    # u or v runs along the bend, the other between the straight edges
     run = uv[0::2][:, 0] if np.ptp(uv[0::2][:, 0]) > 0.5 else uv[0::2][:, 1]
     # the patch's rim is bent as the sheet is: points between the sheet's own vertices are interpolated
     kept = np.concatenate([[inner], run[(run > inner) & (run < 1 - inner)], [1 - inner]])
@@ -184,7 +176,7 @@ def _photograph(
     centre = (low + high) / 2
     depth = float(normal @ np.sum(item.mesh.bounds, axis=0) / 2)
     target = right * centre[0] + up * centre[1] + normal * depth
-    # so far away that the picture is a plan: perspective moves nothing that a ruler would show
+    # so far away that the picture is a plan: perspective moves nothing by a visible length
     far = AWAY * float(item.mesh.size_mm.max())
     px_per_mm = LONG_SIDE_PX / float(size.max())
     width, height = (max(16, round(side * px_per_mm)) for side in size)
@@ -214,7 +206,7 @@ CHAINS_MM = 18.0
 
 
 def draw_mounting_plan(pdf: Pdf, area: Rect, drawing: MountDrawing) -> None:
-    """The object's side with the sheet's outline, its distances from the object's edges, and its arrow."""
+    """Draw the object's side with the sheet's outline, its distances from the object's edges, and its arrow."""
     side = drawing.mount.at
     seen = {"top": "seen from above", "back": "seen from behind"}.get(side, f"seen from the {side}")
     which = "the patch" if drawing.count == 1 else f"sheet {drawing.number} of {drawing.count}"
@@ -245,7 +237,7 @@ def draw_mounting_plan(pdf: Pdf, area: Rect, drawing: MountDrawing) -> None:
 
 
 def _draw_chains(pdf: Pdf, at: ToPage, picture: Rect, drawing: MountDrawing) -> None:
-    """Chains of dimensions below and on the left: edge of the object, sheet, other edge."""
+    """Draw chains of dimensions below and on the left: edge of the object, sheet, other edge."""
     b, gaps = drawing.sheet_mm, drawing.gaps_mm
     left, low, right, high = drawing.extremes_mm
     level, upright = picture.y - 4.5, picture.x - 4.5
@@ -259,7 +251,7 @@ def _draw_chains(pdf: Pdf, at: ToPage, picture: Rect, drawing: MountDrawing) -> 
 def _draw_chain(
     pdf: Pdf, corners: Sequence[Point], places: Sequence[Point], way: Point, lengths: Sequence[float]
 ) -> None:
-    """Dashed lines from corners to just behind their places on the chain, and the dimension between each two."""
+    """Draw dashed lines from corners to their places on the chain, and the dimensions between these."""
     for corner, (x, y) in zip(corners, places, strict=True):
         pdf.ink(SOFT, 0.12)
         pdf.setDash(0.5, 0.6)

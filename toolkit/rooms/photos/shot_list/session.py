@@ -1,4 +1,4 @@
-"""All that the pages of an object show, and its first pages: sticking the patch, the walk, camera and table."""
+"""Contents of an object's pages, and its first pages: sticking the patch, the walk, camera and table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,13 +39,7 @@ from toolkit.rooms.photos.shot_order import ShotStep, hash_poses
 
 @dataclass(frozen=True)
 class Papers:
-    """What is printed for an object besides the list.
-
-    Attributes:
-        board: what it stands on.
-        patch_pdf: name of its sheets' page, if it exists.
-        missing: why nothing is stuck on, where it should have been.
-    """
+    """The board of an object, the name of its sheets' page, if it exists, and why a sheet is missing."""
 
     board: Board | None
     patch_pdf: str | None
@@ -57,15 +51,13 @@ class ObjectSession:
     """An object's part of the list.
 
     Attributes:
-        item, camera: the object and the plan's camera.
         stops: its places along the tour.
-        booster: what is on the sheets; None where nothing is stuck on.
-        mountings: where each sheet goes.
-        papers: what is printed for it.
-        around: what its drawings share.
+        booster: on the sheets; None without sheets.
+        mountings: drawings of the place of each sheet.
+        around: shared by its drawings.
         views: JPEGs by (variant, pose id).
         poses_sha256: `hash_poses` of the plan.
-        sides: where the pieces of its wrap go; none where it wears no wrap.
+        sides: of the object with the pieces of its wrap.
     """
 
     item: TableObject
@@ -81,7 +73,7 @@ class ObjectSession:
 
     @property
     def sheets(self) -> int:
-        """How many go on at once."""
+        """Number of sheets on the object."""
         return len(self.item.spec.mounts)
 
     @property
@@ -94,16 +86,12 @@ def prepare_session(
     item: TableObject, plan: CapturePlan, steps: list[ShotStep], boosters: dict[str, AppliedBooster | None],
     papers: Papers, bar: Ticker,
 ) -> ObjectSession:  # fmt: skip
-    """Render and measure one object's part of the list; `bar` counts one per picture, and one for the mounting.
-
-    Raises:
-        ToolkitError: the sheet cannot be mounted on the object.
-    """
+    """Render and measure an object's part of the list; a `bar` step for each picture and for the mounting."""
     poses = plan.objects[item.name]
     stops = find_stops(poses, steps)
     views = draw_views(item, plan.camera, poses, boosters, papers.board, bar=bar)
     wraps = [b.wrap for b in boosters.values() if b is not None and b.wrap is not None]
-    # `patched` before the others: it is the sheet that the pages show how to stick
+    # `patched` before the others: the pages show how to stick its sheet
     stuck = [b for b in (boosters.get("patched"), *boosters.values()) if b is not None and b.sizes_mm and not b.alone]
     mountings = draw_mountings(item, stuck[0]) if stuck else []
     bar.advance(note=f"{item.name}: where the patch goes")
@@ -115,14 +103,14 @@ def prepare_session(
 
 
 FILM_DIAGONAL_MM = 43.27
-"""Diagonal of a 36 × 24 mm frame. CIPA's 35 mm equivalent uses the diagonal, which matters for 4:3 frames."""
+"""Diagonal of a 36 × 24 mm frame, which CIPA's 35 mm equivalent uses."""
 PHONE_MM = 25.0
 """Equivalent focal length of most phones' main camera, whose zoom counts from it."""
 
 
 def equivalent_focal_mm(camera: Camera) -> float:
     """The 35 mm equivalent focal length with the camera's field of view, by the diagonal."""
-    # f / diagonal is the same for all formats with one diagonal angle of view
+    # f / diagonal is the same for all formats with the same diagonal angle of view
     return FILM_DIAGONAL_MM * camera.fx / float(np.hypot(camera.width, camera.height))
 
 
@@ -146,21 +134,20 @@ def advise_camera(camera: Camera, places: Sequence[CameraPlace]) -> list[str]:
 
 def advise_stage(board: Board | None) -> list[str]:
     """The board, the object on it, and the light."""
-    lines = []
-    if board is not None:
-        kind = "board" if isinstance(board, CharucoBoard) else "ring"
-        width, height = board.size_mm
-        lines.append(
-            f"Print the {kind} with 'toolkit print --{kind}' at 100 % ({width:.0f} × {height:.0f} mm, "
-            f"{board.describe().split(', markers')[0]}); tape it flat to the table."
-        )
-        lines.append(
-            f"Stand the object on the middle of the {kind}, its front to the edge marked FRONT. "
-            "It stays there until all its shots are taken."
-        )
-    lines.append("Azimuth 0° looks at the object's front; it grows counter-clockwise as seen from above.")
-    lines.append("Lamps only, blinds shut: daylight drifts. Keep your own shadow off the object.")
-    return lines
+    lines = [
+        "Azimuth 0° looks at the object's front; it grows counter-clockwise as seen from above.",
+        "Lamps only, blinds shut: daylight drifts. Keep your own shadow off the object.",
+    ]
+    if board is None:
+        return lines
+    kind, (width, height) = "board" if isinstance(board, CharucoBoard) else "ring", board.size_mm
+    return [
+        f"Print the {kind} with 'toolkit print --{kind}' at 100 % ({width:.0f} × {height:.0f} mm, "
+        f"{board.describe().split(', markers')[0]}); tape it flat to the table.",
+        f"Stand the object on the middle of the {kind}, its front to the edge marked FRONT. "
+        "It stays there until all its shots are taken.",
+        *lines,
+    ]
 
 
 def advise_sticking(
@@ -184,7 +171,7 @@ def advise_sticking(
 
 
 def explain_order(legs: Sequence[TourLeg]) -> str:
-    """Why the rounds are cut in two, where they are: half of the unpatched shots before the others, half after."""
+    """Why the unpatched round is cut in two, if it is."""
     names = [leg.variant for leg in legs]
     if len(set(names)) > 1 and names[0] == names[-1] == "unpatched":
         return (
@@ -201,9 +188,7 @@ GAP_MM = 4.0
 def split_page(area: Rect, aspect: float) -> tuple[Rect, ...]:
     """Three rows of two: mounting and steps, walk and rounds, camera and stage.
 
-    Args:
-        area: the page without header and footer.
-        aspect: width over height of the mounting's picture; the first row is as high as it needs.
+    The height of the first row follows the `aspect`, width over height, of the mounting's picture.
     """
     left = 0.6 * area.width
     third = 0.23 * area.height
@@ -226,16 +211,23 @@ def draw_first_page(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
     """Draw the whole page."""
     drawing = session.mountings[0] if session.mountings else None
     frame = drawing.frame_mm if drawing else (0.0, 0.0, 2.0, 1.0)
+    # upper row: how to stick the sheet, or why there is none
     mount, steps, walk, rounds, camera, stage = split_page(area, (frame[2] - frame[0]) / (frame[3] - frame[1]))
     if session.sides and drawing is None:
         room = Rect(area.x, mount.y, area.width, mount.height)
-        below = pdf.heading(room, "Where the wrap's pieces go: cut and order are on the first page of its print")
+        below = pdf.heading(room, "Places of the wrap's pieces: cut and order are on the first page of its print")
         place_sides(pdf, Rect(room.x, room.y, room.width, below - room.y - 1), session.sides)
     elif drawing is None or session.booster is None:
-        _draw_missing(pdf, Rect(area.x, mount.y, area.width, mount.height), session.papers.missing)
+        room = Rect(area.x, mount.y, area.width, mount.height)
+        pdf.panel(room)
+        inside = Rect(room.x + 5, room.y + 5, room.width - 10, room.height - 10)
+        y = pdf.heading(inside, "Unpatched only: there is no sheet to stick on", SHEET)
+        why = session.papers.missing or "No variant with a sheet was asked for."
+        pdf.write_lines(why, inside.x, y, 3.0, room_mm=inside.width)
     else:
         draw_mounting_plan(pdf, mount, drawing)
         _draw_sticking(pdf, steps, session, drawing)
+    # middle and lower row: walk and rounds, camera and table
     pdf.heading(walk, "The walk")
     draw_walk(pdf, Rect(walk.x, walk.y, walk.width, walk.height - 4), session.around, session.stops)
     _draw_rounds(pdf, rounds, session)
@@ -247,7 +239,7 @@ SHEETS_A_PAGE = 2
 
 
 def draw_sheets_page(pdf: Pdf, area: Rect, session: ObjectSession, drawings: Sequence[MountDrawing]) -> None:
-    """Up to `SHEETS_A_PAGE` further sheets, each drawn as the first page draws the first."""
+    """Draw up to `SHEETS_A_PAGE` further sheets, each as on the first page."""
     height, left = area.height / SHEETS_A_PAGE, 0.6 * area.width
     for row, drawing in enumerate(drawings):
         y = area.top - (row + 1) * height + GAP_MM
@@ -257,12 +249,13 @@ def draw_sheets_page(pdf: Pdf, area: Rect, session: ObjectSession, drawings: Seq
 
 
 def _draw_sticking(pdf: Pdf, area: Rect, session: ObjectSession, drawing: MountDrawing) -> None:
-    """The sheet as it comes out of the printer, and how to stick it."""
+    """Draw the printed sheet, and how to stick it."""
     booster = session.booster
     assert booster is not None
     pdf.panel(area)
     inside = Rect(area.x + 3, area.y + 2, area.width - 6, area.height - 3.5)
     below = pdf.heading(inside, "Stick it like this")
+    # the sheet in its colours, with the patch in its white margin
     side = min(0.40 * inside.width, 0.34 * inside.height)
     sheet = Rect(inside.x, below - side + 2.5, side, side)
     pdf.ink(SHEET, 0.4, fill=WHITE)
@@ -272,6 +265,7 @@ def _draw_sticking(pdf: Pdf, area: Rect, session: ObjectSession, drawing: MountD
     repeat = max(1, 400 // len(booster.pixels))
     enlarged = booster.pixels.repeat(repeat, 0).repeat(repeat, 1)
     pdf.picture(encode_jpeg(enlarged, 88), sheet.centre(inner, inner), None)
+    # name, sizes and hash beside it, and the steps below
     beside = Rect(sheet.right + 3, sheet.y, inside.right - sheet.right - 3, side)
     pdf.write(booster.name, beside.x, beside.top - 3.0, 3.2, room_mm=beside.width, font=BOLD, colour=SHEET)
     y = beside.top - 7.4
@@ -287,7 +281,7 @@ def _draw_sticking(pdf: Pdf, area: Rect, session: ObjectSession, drawing: MountD
 
 
 def _draw_page_arrow(pdf: Pdf, sheet: Rect, side: str) -> None:
-    """The way that the sheet's right (on top of an object) or upper edge must point, as on its printed page."""
+    """Draw the direction of the sheet's right (on top of an object) or upper edge, as on its printed page."""
     word = "front" if side == "top" else "up"
     y = sheet.y - 3.6
     end = sheet.x + pdf.write(word, sheet.x, y, 2.6, room_mm=20, font=BOLD, colour=SHEET) + 1.2
@@ -298,32 +292,24 @@ def _draw_page_arrow(pdf: Pdf, sheet: Rect, side: str) -> None:
         pdf.arrow((end + 0.6, y - 0.6), (end + 0.6, y + 2.6), 1.8)
 
 
-def _draw_missing(pdf: Pdf, area: Rect, why: str | None) -> None:
-    pdf.panel(area)
-    inside = Rect(area.x + 5, area.y + 5, area.width - 10, area.height - 10)
-    y = pdf.heading(inside, "Unpatched only: there is no sheet to stick on", SHEET)
-    pdf.write_lines(why or "No variant with a sheet was asked for.", inside.x, y, 3.0, room_mm=inside.width)
-
-
 def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
-    """What is shot in which leg, with a box to tick for each and for each change of the sheet."""
+    """Draw a row with a tick box for each leg and for each change of the sheet."""
     legs = find_legs(session.stops)
     y = pdf.heading(area, "The order of the shots")
     shots = sum(len(stop.shots) for stop in session.stops)
     # without rounds all shots of a pose follow each other
     if not session.rounds:
         words = (
-            f"{shots} shots at {len(session.stops)} poses. At each pose all variants are shot one after the other, "
-            "in the order of their numbers, without moving the camera: the sheet goes on and off each time, to the "
-            "same place to the millimetre."
+            f"{shots} shots at {len(session.stops)} poses. At each pose all variants are shot in turn, in the order of "
+            "their numbers, without moving the camera. Put the sheet on and off each time, to the same place to the "
+            "millimetre."
         )
         pdf.write_lines(words, area.x, y, TEXT_MM, room_mm=area.width)
         return
     turns = {1: "once", 2: "twice"}.get(len(session.stops[0].shots), f"{len(session.stops[0].shots)} times")
     words = f"{shots} shots at {len(session.stops)} poses; the camera goes round {turns}. {explain_order(legs)}".strip()
     y = pdf.write_lines(words, area.x, y, TEXT_MM, room_mm=area.width) - 2.6
-    # a row for each leg, and for each change of the sheet
-    rows: list[tuple[str, str]] = []  # words, and the shots on the right; a change of the sheet has none
+    rows: list[tuple[str, str]] = []  # words, and the shots on the right; a change of the sheet has no shots
     before: str | None = None
     for leg in legs:
         if change := name_change(before, leg.variant, session.sheets):
@@ -347,7 +333,7 @@ def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
 
 
 def _name_poses(session: ObjectSession, span: tuple[int, int]) -> str:
-    """`all 18 poses`, `pose 5`, `9 poses, from 1 to 14` of a stretch of the tour."""
+    """Name a stretch of the tour: `all 18 poses`, `pose 5`, `9 poses, from 1 to 14`."""
     count, (first, last) = span[1] - span[0] + 1, (session.stops[number - 1].pose.id for number in span)
     if count == len(session.stops):
         return f"all {count} poses"

@@ -1,4 +1,4 @@
-"""The places of a tour: in words and numbers, with the shots to take at each, and drawn round the object."""
+"""Places of a tour: in numbers, with the shots to take at each, and drawn round the object."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ class CameraPlace:
     """A camera's place as a person measures it with a tape and a phone's level.
 
     Attributes:
-        azimuth_deg: round the object from its front, counter-clockwise from above, in [0, 360).
-        tilt_deg: how far the line of sight looks down.
-        roll_deg: as the plan has it.
-        distance_mm: to the point that is seen at the picture's middle.
+        azimuth_deg: round the object from its front, counter-clockwise from above, below 360.
+        tilt_deg: of the line of sight, downwards.
+        roll_deg: of the plan.
+        distance_mm: to the target, the point at the picture's middle.
         height_mm: above the table.
         out_mm: along the table from the object's middle.
-        target_height_mm: of that point above the table.
+        target_height_mm: of the target above the table.
     """
 
     azimuth_deg: float
@@ -44,12 +44,12 @@ def measure_place(pose: Pose) -> CameraPlace:
     T_world_camera = pose.matrix()
     x, y, z = (float(v) for v in T_world_camera[:3, 3])
     out_mm = float(np.hypot(x, y))
-    # straight above the object every azimuth is the same place: the plan's own is stated
+    # straight above the object every azimuth is the same place: the plan's is used
     azimuth = np.degrees(np.arctan2(y, x)) if out_mm > 0.01 else pose.azimuth_deg
     target = np.array(pose.target_mm)
     return CameraPlace(
         azimuth_deg=round(float(azimuth), 3) % 360,
-        # the third column is the line of sight: its z tells how far it looks down
+        # the third column is the line of sight
         tilt_deg=float(np.degrees(np.arcsin(np.clip(-T_world_camera[2, 2], -1, 1)))), roll_deg=pose.roll_deg,
         distance_mm=float(np.linalg.norm(T_world_camera[:3, 3] - target)), height_mm=z, out_mm=out_mm,
         target_height_mm=float(target[2]),
@@ -68,7 +68,7 @@ class Stop:
 
 @dataclass(frozen=True)
 class TourLeg:
-    """Shots in a row of a variant at places in a row."""
+    """Consecutive shots of a variant at consecutive places."""
 
     variant: str
     shots: tuple[int, int]
@@ -76,7 +76,7 @@ class TourLeg:
 
 
 def find_stops(poses: Sequence[Pose], steps: Sequence[ShotStep]) -> list[Stop]:
-    """The places of an object in the order in which the camera first comes there."""
+    """List the places of an object in the order of the camera's first visit."""
     by_id = {pose.id: pose for pose in poses}
     walk = dict.fromkeys(step.pose_id for step in steps)
     return [
@@ -86,7 +86,7 @@ def find_stops(poses: Sequence[Pose], steps: Sequence[ShotStep]) -> list[Stop]:
 
 
 def find_legs(stops: Sequence[Stop]) -> list[TourLeg]:
-    """The rounds of an object as legs without a change; a round's end at the last place ends a leg too."""
+    """Split the rounds of an object into legs without a change; a leg also ends with its round."""
     visits = sorted((shot.number, shot.variant, stop.number) for stop in stops for shot in stop.shots)
     starts = [0]
     for i, ((_, variant, stop), (_, next_variant, next_stop)) in enumerate(pairwise(visits), 1):
@@ -99,39 +99,31 @@ def find_legs(stops: Sequence[Stop]) -> list[TourLeg]:
 
 
 def goes_round(legs: Sequence[TourLeg], stops: Sequence[Stop]) -> bool:
-    """Whether the camera goes round once per variant, with few changes; false where variants alternate."""
-    # half before and half after is two legs a variant; alternating variants have one leg a shot
+    """Whether the camera goes round once per variant, with few changes; False if variants alternate."""
+    # half before and half after is two legs a variant; alternating variants have a leg a shot
     return len(legs) <= 2 * max(len(stop.shots) for stop in stops)
 
 
 def name_change(before: str | None, after: str, sheets: int) -> str:
-    """What to do with an object and its sheets between two legs; empty where nothing changes."""
+    """Say what to do with an object and its sheets between two legs; empty if nothing changes."""
     if before == after or (before is None and after == "unpatched"):
         return ""
-    steps = [] if before is None else [_name_leaving(before, sheets)]
-    return ", ".join(words for words in (*steps, _name_entering(before, after, sheets)) if words)
-
-
-def _name_leaving(variant: str, sheets: int) -> str:
-    if variant == "unpatched" or _is_painted(variant):
-        return ""
-    if variant == "patch-alone":
-        return "take the patch away"
-    return f"take the {_name_sheets(variant, sheets)} off"
-
-
-def _name_entering(before: str | None, after: str, sheets: int) -> str:
-    if _is_painted(after):
-        return f"put the object as {after.replace('-', ' ')} in its place"
-    if after == "patch-alone":
-        return "take the object away, lay the patch flat on the board's middle"
-    bare = "put the bare object back" if before == "patch-alone" or (before and _is_painted(before)) else ""
-    stuck = "" if after == "unpatched" else f"stick the {_name_sheets(after, sheets)} on"
-    return ", ".join(words for words in (bare, stuck) if words)
-
-
-def _is_painted(variant: str) -> bool:
-    return variant in KIND_OF and KIND_OF[variant].is_painted
+    steps = []
+    was_painted, is_painted = (name in KIND_OF and KIND_OF[str(name)].is_painted for name in (before, after))
+    # the earlier sheets come off
+    if before == "patch-alone":
+        steps.append("take the patch away")
+    elif before is not None and before != "unpatched" and not was_painted:
+        steps.append(f"take the {_name_sheets(before, sheets)} off")
+    # the next variant comes on
+    if is_painted:
+        steps.append(f"put the object as {after.replace('-', ' ')} in its place")
+    elif after == "patch-alone":
+        steps.append("take the object away, lay the patch flat on the board's middle")
+    else:
+        steps += ["put the unmodified object back"] if before == "patch-alone" or was_painted else []
+        steps += [] if after == "unpatched" else [f"stick the {_name_sheets(after, sheets)} on"]
+    return ", ".join(steps)
 
 
 def _name_sheets(variant: str, sheets: int) -> str:
@@ -142,25 +134,20 @@ def _name_sheets(variant: str, sheets: int) -> str:
 SAMPLES = 420
 """Pixels along the longer side of the mask that outlines are traced on."""
 FINEST = 1.2
-"""Corners within so many of these pixels of a straight line are left out."""
+"""Largest distance of a dropped corner from a straight line, in these pixels."""
 
 
 def trace_outline(mesh: Mesh, right: np.ndarray, up: np.ndarray) -> list[np.ndarray]:
-    """Closed outlines (k, 2), millimetres along `right` and `up` from the world's origin; holes are outlines too.
-
-    Args:
-        mesh: on the table.
-        right, up: (3,) unit vectors of the drawing.
-    """
+    """Closed outlines (k, 2) of a mesh and its holes, mm along unit vectors `right` and `up` (3,) from the origin."""
     points = mesh.vertices @ np.stack([right, up], axis=1).astype(np.float32)
     low, size = points.min(axis=0), np.ptp(points, axis=0)
     step = max(float(size.max()) / SAMPLES, 1e-6)
-    # a rim of two pixels round the outline, and one more for rounding
+    # a rim of two pixels round the outline, and another pixel for rounding
     shape = np.ceil(size / step).astype(int) + 5
     mask = np.zeros((shape[1], shape[0]), np.uint8)
     # OpenCV takes fixed point: 16 parts of a pixel are the 4 bits of fraction below
     pixels = np.round(((points - low) / step + 2) * 16).astype(np.int32)
-    for triangle in pixels[mesh.faces]:  # one by one: fillPoly of all at once leaves out what two of them cover
+    for triangle in pixels[mesh.faces]:  # each alone: fillPoly of all at once leaves out where two of them overlap
         cv2.fillConvexPoly(mask, triangle, 255, cv2.LINE_8, 4)
     contours, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     traced = [cv2.approxPolyDP(contour, FINEST, True)[:, 0] for contour in contours]
@@ -168,15 +155,14 @@ def trace_outline(mesh: Mesh, right: np.ndarray, up: np.ndarray) -> list[np.ndar
 
 
 FRONT_DEG = -90.0
-"""On the page, azimuth 0 is downwards: the board lies like that before the photographer, FRONT at its lower edge."""
+"""Azimuth 0 points down the page, as FRONT lies at the board's lower edge before the photographer."""
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What all drawings of an object share, so that they are of the same scale.
+    """Outlines and places of an object for all its drawings, so that they are of the same scale.
 
     Attributes:
-        mesh: the object.
         above: its outlines from above, millimetres on the page, the front downwards.
         sides: its outlines by azimuth, millimetres: away from the object's middle towards the camera, and up.
         places: of all its poses.
@@ -199,7 +185,7 @@ class Surroundings:
 
     @property
     def reach_mm(self) -> float:
-        """How far the object reaches from its middle, along the table."""
+        """Largest distance of the object from its middle, along the table."""
         return float(np.hypot(*self.mesh.vertices[:, :2].T).max())
 
 
@@ -251,7 +237,7 @@ def draw_from_above(pdf: Pdf, area: Rect, around: Surroundings, place: CameraPla
         pdf.arc_about(centre, arc, FRONT_DEG, place.azimuth_deg)
         pdf.head(_towards(angle, arc, centre), angle + 90 - np.degrees(0.8 / arc), 1.7)
     pdf.camera(at, angle + 180)
-    # a narrow angle's number stands beside the arc, a wide angle's in it
+    # the number of a narrow angle stands beside the arc, of a wide angle in it
     middle = FRONT_DEG + (place.azimuth_deg / 2 if place.azimuth_deg > 50 else place.azimuth_deg + 42)
     pdf.write_on_white(f"{place.azimuth_deg:.0f}°", *_towards(middle, arc, centre), 3.0, BOLD, CAMERA)
 
@@ -260,7 +246,7 @@ def draw_from_side(pdf: Pdf, area: Rect, around: Surroundings, place: CameraPlac
     """The object on the table, the camera on the right of it, and the four numbers of its place."""
     left_mm, right_mm = around.reach_mm, around.farthest_mm
     below, above, beside = 5.2, 4.6, 11.0
-    # one scale for all cards of an object, from the farthest and the highest of its places
+    # the same scale for all cards of an object, from the farthest and the highest of its places
     scale = min((area.width - beside - 3.5) / (left_mm + right_mm), (area.height - below - above) / around.highest_mm)
     spare = area.width - beside - 3.5 - (left_mm + right_mm) * scale
     x, y = area.x + left_mm * scale + 0.5 + spare / 2, area.y + below  # the object's middle on the table
@@ -291,7 +277,7 @@ def draw_from_side(pdf: Pdf, area: Rect, around: Surroundings, place: CameraPlac
 
 
 def _mark_tilt(pdf: Pdf, target: Point, place: CameraPlace, scale: float) -> None:
-    """The angle between table and line of sight, at the point that is looked at."""
+    """Draw the angle between table and line of sight, at the target."""
     radius = max(0.3 * place.distance_mm * scale, 6.0)
     pdf.ink(CAMERA, 0.25)
     if abs(place.tilt_deg) > 1:
@@ -301,7 +287,7 @@ def _mark_tilt(pdf: Pdf, target: Point, place: CameraPlace, scale: float) -> Non
 
 
 def draw_walk(pdf: Pdf, area: Rect, around: Surroundings, stops: Sequence[Stop]) -> None:
-    """The tour from pose to pose, on a map of directions: the middle is straight above the object."""
+    """Draw the tour from pose to pose, on a map of directions: the middle is straight above the object."""
     centre = (area.x + area.width / 2, area.y + area.height / 2 + 1.8)
     radius = min(area.width, area.height - 3.6) / 2
     lowest = min(stop.place.tilt_deg for stop in stops)
@@ -311,7 +297,7 @@ def draw_walk(pdf: Pdf, area: Rect, around: Surroundings, stops: Sequence[Stop])
         _towards(page_angle(stop.place.azimuth_deg), (90 - stop.place.tilt_deg) * per_degree, centre) for stop in stops
     ]
     apart = [float(np.hypot(a[0] - b[0], a[1] - b[1])) for i, a in enumerate(at) for b in at[:i]]
-    # discs shrink where places are close, so that they do not cover each other
+    # discs of close places shrink, so that they do not cover each other
     size = float(np.clip(0.42 * min(apart, default=9.0), 1.2, 3.1))
     pdf.ink(WASH)
     pdf.circle(*centre, radius, stroke=0, fill=1)
@@ -321,9 +307,8 @@ def draw_walk(pdf: Pdf, area: Rect, around: Surroundings, stops: Sequence[Stop])
     for tilt in tilts:
         pdf.ink(FAINT, 0.2)
         pdf.circle(*centre, (90 - tilt) * per_degree, stroke=1, fill=0)
-    inner = np.clip(
-        (90 - max(stop.place.tilt_deg for stop in stops)) * per_degree - size - 1.5, 0.16 * radius, 0.5 * radius
-    )
+    highest = max(stop.place.tilt_deg for stop in stops)
+    inner = np.clip((90 - highest) * per_degree - size - 1.5, 0.16 * radius, 0.5 * radius)
     pdf.ink(OBJECT)
     pdf.shapes(outline * (float(inner) / around.reach_mm) + centre for outline in around.above)
     pdf.ink(CAMERA, 0.35)
@@ -334,7 +319,11 @@ def draw_walk(pdf: Pdf, area: Rect, around: Surroundings, stops: Sequence[Stop])
         if length > 2 * size + 0.8:
             unit = way / length * size
             pdf.arrow(tuple(np.add(a, unit)), tuple(np.subtract(b, unit * 1.12)), 1.7)
-    _name_rings(pdf, centre, per_degree, tilts, at)
+    # the elevation of each ring, where places and the walk between them are farthest
+    for tilt in tilts:
+        spots = [_towards(angle, (90 - tilt) * per_degree, centre) for angle in range(0, 360, 5)]
+        where = max(spots, key=lambda spot: min(_distance(spot, a, b) for a, b in pairwise([*at, at[0]])))
+        pdf.write_on_white(f"{tilt}° up", *where, 2.2, colour=SOFT, plate=WASH)
     for stop, (x, y) in zip(stops, at, strict=True):
         first = stop.number == 1
         pdf.setFillColorRGB(*(CAMERA if first else WHITE))
@@ -344,16 +333,6 @@ def draw_walk(pdf: Pdf, area: Rect, around: Surroundings, stops: Sequence[Stop])
         pdf.write(str(stop.pose.id), x, y - 0.38 * size, 1.05 * size, room_mm=1.75 * size, font=BOLD, align="centre",
               colour=WHITE if first else CAMERA)  # fmt: skip
     pdf.write("front", centre[0], area.y - 0.6, 2.6, room_mm=20, font=BOLD, align="centre", colour=SOFT)
-
-
-def _name_rings(
-    pdf: Pdf, centre: Point, per_degree: float, tilts: Sequence[int], at: Sequence[Point]
-) -> None:  # fmt: skip
-    """The elevation of each ring, written where places and the walk between them are farthest."""
-    for tilt in tilts:
-        spots = [_towards(angle, (90 - tilt) * per_degree, centre) for angle in range(0, 360, 5)]
-        where = max(spots, key=lambda spot: min(_distance(spot, a, b) for a, b in pairwise([*at, at[0]])))
-        pdf.write_on_white(f"{tilt}° up", *where, 2.2, colour=SOFT, plate=WASH)
 
 
 def _distance(point: Point, start: Point, end: Point) -> float:

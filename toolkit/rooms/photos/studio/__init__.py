@@ -6,11 +6,7 @@ from toolkit.core.errors import ToolkitError
 
 
 def require_extra() -> None:
-    """Check that what the studio needs is installed. Call it before a module of this folder is imported.
-
-    Raises:
-        ToolkitError: the extra is missing; the line says how to install it.
-    """
+    """Raise `ToolkitError` if the studio's extra is missing. Call it before a module of this folder is imported."""
     missing = [name for name in ("fastapi", "uvicorn") if find_spec(name) is None]
     if missing:
         raise ToolkitError(

@@ -1,6 +1,7 @@
-"""The web application: addresses, and what each of them calls."""
+"""The web application: addresses and their functions."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -31,16 +32,11 @@ KEPT = 160
 
 
 def show_photo(file: Path, longer_px: int) -> bytes:
-    """A JPEG of a photograph, upright, at most `longer_px` long; remembered for as long as the file does not change.
-
-    Raises:
-        UnreadableImage: it is gone, or does not decode.
-    """
-    try:
+    """Encode a photograph, upright, at most `longer_px` long, as JPEG; kept as long as the file does not change."""
+    key = (0, 0)
+    with suppress(OSError):  # `read_image` names the fault
         facts = file.stat()
         key = (facts.st_mtime_ns, facts.st_size)
-    except OSError:
-        key = (0, 0)  # `read_image` says what is wrong
     return _encode(file, key, longer_px)
 
 
@@ -62,21 +58,14 @@ PAGE_FILES = {
     "/camera.js": ("camera.js", "text/javascript; charset=utf-8"),
 }
 UPLOAD_TYPE = "application/octet-stream"
-"""Bare bytes: no name comes along, and no form of another site can send it."""
+"""Bytes without a name, which no form of another site can send."""
 CLOSED, WRONG_TYPE, NO_SENSE, DEFECT, TROUBLE = 499, 415, 422, 500, 507
 KEEP_PICTURE = {"cache-control": "private, max-age=3600"}
 
 
 def make_app(session: Session, access: Access, predictor: Predictor, most_bytes: int = MOST_BYTES) -> Guard:
-    """The application, behind its guard.
-
-    Args:
-        session: what it works on.
-        access: whom it answers.
-        predictor: started and stopped by the caller.
-        most_bytes: limit on one upload.
-    """
-    # no pages of FastAPI's own: they load scripts from elsewhere
+    """Make the application behind its guard; the caller starts and stops `predictor`, uploads have `most_bytes`."""
+    # without FastAPI's pages, which load scripts from elsewhere
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     _answer_errors(app)
     _add_page(app)
@@ -89,7 +78,7 @@ def make_app(session: Session, access: Access, predictor: Predictor, most_bytes:
 def _answer_errors(app: FastAPI) -> None:
     @app.exception_handler(ToolkitError)
     async def explain(_: Request, error: ToolkitError) -> Response:
-        # what is no fault of the request is the disk's or a file's of the workspace
+        # a fault of the request, or else of the disk or the workspace
         return JSONResponse({"error": str(error)}, error.status if isinstance(error, Refused) else TROUBLE)
 
     @app.exception_handler(OSError)
@@ -104,7 +93,7 @@ def _answer_errors(app: FastAPI) -> None:
 
     @app.exception_handler(Exception)
     async def admit(_: Request, error: Exception) -> Response:
-        return JSONResponse({"error": f"a defect of the studio: {type(error).__name__}; its window says more"}, DEFECT)
+        return JSONResponse({"error": f"a defect of the studio: {type(error).__name__}; see its window"}, DEFECT)
 
     @app.exception_handler(HTTPException)
     async def refuse(_: Request, error: HTTPException) -> Response:
@@ -154,7 +143,7 @@ def _add_shots(app: FastAPI, session: Session, predictor: Predictor) -> None:
     @app.get("/api/shots/{number}")
     def shot(number: int) -> dict[str, Any]:
         found = session.look_up(number)
-        # beside the answer: it is ready when the photograph has been taken
+        # in the background: it is ready when the photograph has been taken
         Thread(target=session.inspector.warm_up, args=(found.step,), daemon=True).start()
         return describe_place(session, found)
 
@@ -193,13 +182,13 @@ def _add_upload(app: FastAPI, session: Session, most_bytes: int) -> None:
         if request.headers.get("content-type", "").split(";")[0].strip().lower() != UPLOAD_TYPE:
             raise Refused(WRONG_TYPE, f"expected the photograph's bytes as {UPLOAD_TYPE}")
         length = request.headers.get("content-length", "")
-        # digits alone: int() would take signs and underscores as well, and refuses thousands of digits
+        # digits alone: int() accepts signs and underscores, and refuses thousands of digits
         announced = int(length[:20]) if length.isascii() and length.isdecimal() else None
         try:
             file = await receive_file(request.stream(), session.folders, announced, most_bytes)
         except ClientDisconnect:
             return Response(status_code=CLOSED)  # nobody hears it; the upload is deleted
-        # measuring takes a while, in which the page goes on being served
+        # in a thread, so that the page is served meanwhile
         found = await run_in_threadpool(session.receive, number, file)
         if found is None:
             return {"there": True}

@@ -1,7 +1,8 @@
-"""What the page shows, as plain values for JSON."""
+"""Contents of the page, as plain values for JSON."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from toolkit.core.files import sha256_bytes
@@ -13,11 +14,11 @@ from toolkit.rooms.photos.shot_list.tour import measure_place, name_change
 from toolkit.rooms.photos.shot_order import ShotStep
 from toolkit.rooms.photos.studio.inspection import Inspection
 from toolkit.rooms.photos.studio.predictor import Predictor
-from toolkit.rooms.photos.studio.session import Session, Shot
+from toolkit.rooms.photos.studio.session import Session, ShotState
 from toolkit.rooms.photos.studio.upload import MOST_BYTES
 
 NEAR_DEG = 6.0
-"""From here on the page says which way to move; a few degrees do no harm."""
+"""Least error for which the page advises a move; a few degrees do no harm."""
 
 
 def describe_session(session: Session, predictor: Predictor) -> dict[str, Any]:
@@ -28,12 +29,12 @@ def describe_session(session: Session, predictor: Predictor) -> dict[str, Any]:
     return {
         "shots": [describe_shot(shot) for shot in shots],
         "next": find_next(shots),
-        # the page opens at the first that is not there, waits, or is to be taken again
+        # the page opens at the first missing, waiting or failed shot
         "first": next((shot.step.number for shot in shots if shot.status in ("waiting", "open") or shot.retake), None),
         "done": sum(1 for shot in shots if shot.path),
         "lens": {"focal_mm": round(focal_mm), "zoom": round(focal_mm / PHONE_MM, 1)},
         "limit_mb": MOST_BYTES >> 20,
-        # in the address of each ghost: the drawings of an older list are not shown from a cache
+        # in the address of each ghost, so that no cache shows the drawings of an older list
         "list": sha256_bytes(session.shots.model_dump_json().encode())[:12],
         "network": {"status": state.status, "message": state.message, "notes": list(state.notes)},
         "predictions": predictor.list_rows(),
@@ -41,16 +42,13 @@ def describe_session(session: Session, predictor: Predictor) -> dict[str, Any]:
     }
 
 
-def find_next(shots: Sequence[Shot]) -> int | None:
-    """The shot to take now: a shot that waits for a yes, else the next open shot, else a shot that was put off."""
-    for wanted in ("waiting", "open", "skipped"):
-        for shot in shots:
-            if shot.status == wanted:
-                return shot.step.number
-    return None
+def find_next(shots: Sequence[ShotState]) -> int | None:
+    """Return the shot to take now: a waiting shot, else the next open shot, else a skipped shot."""
+    by_status = (shot for wanted in ("waiting", "open", "skipped") for shot in shots if shot.status == wanted)
+    return next((shot.step.number for shot in by_status), None)
 
 
-def describe_shot(shot: Shot) -> dict[str, Any]:
+def describe_shot(shot: ShotState) -> dict[str, Any]:
     """A step of the list in brief."""
     step = shot.step
     return {
@@ -59,8 +57,8 @@ def describe_shot(shot: Shot) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def describe_place(session: Session, shot: Shot) -> dict[str, Any]:
-    """A shot with all that helps to take it, and what is known of the photograph that is there."""
+def describe_place(session: Session, shot: ShotState) -> dict[str, Any]:
+    """A shot with all that helps to take it, and facts on the photograph that is there."""
     place = measure_place(session.find_pose(shot.step))
     record = session.find_record(shot)
     return {
@@ -77,7 +75,7 @@ def describe_place(session: Session, shot: Shot) -> dict[str, Any]:
 
 
 def say_change(session: Session, step: ShotStep) -> str:
-    """What to do with object and sheets before this shot; empty if nothing changes since the shot before."""
+    """Say what to do with object and sheets before this shot; empty if nothing changes."""
     sheets = len(read_spec(session.workspace.object_spec(step.object)).mounts)
     before = session.find_step(step.number - 1) if step.number > 1 else None
     if before is None or before.object != step.object:
@@ -108,14 +106,11 @@ def describe_gate(result: GateResult) -> dict[str, Any]:
     """The verdict of a gate; numbers that are not finite become null."""
     # JSON has neither NaN nor infinity
     value = result.value if result.value is not None and math.isfinite(result.value) else None
-    return {
-        "name": result.name, "value": value, "threshold": result.threshold, "unit": result.unit,
-        "status": result.status, "at_most": result.at_most, "advice": result.advice,
-    }  # fmt: skip
+    return asdict(result) | {"value": value}
 
 
 def say_moves(match: PoseMatch) -> list[str]:
-    """How to come nearer to the pose, for a person who looks at the object; empty if it is near enough."""
+    """Tell a person who looks at the object how to come nearer to the pose; empty if it is near enough."""
     moves = []
     if abs(match.azimuth_deg) > NEAR_DEG:
         # azimuth grows counter-clockwise from above: towards the right of a person who looks at the object

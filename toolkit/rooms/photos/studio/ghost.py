@@ -1,4 +1,4 @@
-"""The ghost of a pose: a line drawing of what the camera should see, to be laid over what it does see."""
+"""The ghost of a pose: a line drawing of the object, to be laid over the camera's picture."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -24,11 +24,11 @@ HALO = (10, 14, 20)
 CREASE_COSINE = 0.86
 """Faces that meet at 30° or more make a line; the facets of a round thing do not."""
 JUMP = 0.012
-"""Relative step in depth between neighbours that makes a line, beyond what the slope of the surface explains."""
+"""Relative step in depth between neighbours that makes a line, beyond the slope of the surface."""
 PAINT_STEP = 0.2
 """Step in brightness of the paint, 0 to 1, that makes a thin line."""
 PAINT_BLUR_PX = 2.0
-"""Speckles smaller than this make no lines."""
+"""Smaller speckles make no lines."""
 KEPT_SCENES = 4
 KEPT_GHOSTS = 96
 """The shots of a session of a few objects; each is about 30 kB."""
@@ -36,7 +36,7 @@ KEPT_GHOSTS = 96
 
 @dataclass(frozen=True)
 class _Rendered:
-    """What pixels meet, (h, w, ...): depth (inf for nothing), face normal, whether it is the sheet, brightness."""
+    """Depth of pixels (h, w, ...), inf for nothing, face normal, whether it is the sheet, brightness."""
 
     depth: np.ndarray
     normal: np.ndarray
@@ -45,7 +45,7 @@ class _Rendered:
 
 
 class _Stage:
-    """An object, as it is dressed in one variant; materials from `first_of_sheet` on are a sheet's."""
+    """An object in a variant; materials from `first_of_sheet` on are a sheet's."""
 
     def __init__(self, mesh: Mesh, first_of_sheet: int) -> None:
         self._mesh, self._scene = mesh, make_ray_scene(mesh)
@@ -53,7 +53,6 @@ class _Stage:
 
     def look(self, camera: Camera, T_world_camera: np.ndarray) -> _Rendered:
         o3d = load_open3d()
-
         h, w = camera.height, camera.width
         # pixel centres are at half integers
         y, x = np.mgrid[:h, :w].astype(np.float32) + np.float32(0.5)
@@ -65,9 +64,10 @@ class _Stage:
         is_paper, brightness = np.zeros(h * w, bool), np.zeros(h * w, np.float32)
         is_paper[hit] = self._mesh.face_material[triangle] >= self._first_of_sheet
         brightness[hit] = self._read_paint(triangle, at)
+        shape = (h, w)
         return _Rendered(
-            depth.reshape(h, w), normal.reshape(h, w, 3), is_paper.reshape(h, w), brightness.reshape(h, w)
-        )  # fmt: skip
+            depth.reshape(shape), normal.reshape(h, w, 3), is_paper.reshape(shape), brightness.reshape(shape)
+        )
 
     def _read_paint(self, triangle: np.ndarray, at: np.ndarray) -> np.ndarray:
         """Brightness 0 to 1, sRGB-encoded, of the nearest texel."""
@@ -94,7 +94,7 @@ class GhostRenderer:
         self._drawn = lru_cache(KEPT_GHOSTS)(self._draw)
 
     def draw(self, name: str, variant: str, pose_id: int) -> bytes:
-        """PNG of the square in the middle of the plan's frame, as wide as its shorter side; clear where nothing is.
+        """PNG of the square in the middle of the plan's frame, as wide as its shorter side; clear without the object.
 
         Raises:
             ToolkitError: the object cannot be loaded, or has no such pose.
@@ -128,7 +128,7 @@ def square_camera(camera: Camera, side_px: int = SIDE_PX) -> Camera:
 
 
 def paint_lines(seen: _Rendered) -> np.ndarray:
-    """(h, w, 4) uint8: white lines with a dark halo, the sheet's in amber, a breath of white inside the outline."""
+    """(h, w, 4) uint8: white lines with a dark halo, the sheet's in amber, a little white inside the outline."""
     solid = np.isfinite(seen.depth)
     strong = _outlines(seen, solid)
     sheet = _steps(seen.is_paper)
@@ -143,7 +143,7 @@ def paint_lines(seen: _Rendered) -> np.ndarray:
     colour[seen.is_paper] = SHEET_LINE
     alpha = body.astype(np.float32)
     for over, share in ((HALO, halo), (LINE, line), (SHEET_LINE, amber)):
-        # the "over" of two colours with alpha: what is below shows by the share that is left
+        # the "over" of two colours with alpha
         total = share + alpha * (1 - share)
         weight = (share / np.maximum(total, 1e-6))[..., None]
         colour = colour * (1 - weight) + np.array(over, np.float32) * weight

@@ -1,4 +1,4 @@
-"""What the gates say of a photograph of a shot, and how far its camera stood from the plan's pose."""
+"""Inspection of a photograph of a shot: results of the gates, and distance of its camera from the plan's pose."""
 
 from collections import OrderedDict
 from contextlib import suppress
@@ -26,15 +26,14 @@ KEPT = 6
 
 @dataclass(frozen=True)
 class Inspection:
-    """What was measured.
+    """Measures of a photograph.
 
     Attributes:
-        sha256: of the photograph.
         results: of the gates.
-        located: where the camera stood; None without a board, and `no_board` says why.
-        match: how far that is from the shot's pose.
-        nearest: the pose of the plan that it is nearest to.
-        ghost_scale: how much larger the object is here than in a picture of the plan; None without a board.
+        located: the camera; None without a board, and `no_board` says why.
+        match: of the camera with the shot's pose.
+        nearest: of the camera with the nearest pose of the plan.
+        ghost_scale: size of the object over that in a picture of the plan; None without a board.
     """
 
     sha256: str
@@ -47,7 +46,7 @@ class Inspection:
 
     @property
     def wrong_pose(self) -> str | None:
-        """What speaks against the shot's pose: the board shows another pose, or a camera that is far off."""
+        """Why the pose is wrong: the board shows another pose, or a camera that is far off."""
         if self.match is None or self.nearest is None:
             return None
         # an ambiguous neighbour is no proof: poses may lie close together
@@ -57,12 +56,12 @@ class Inspection:
 
     @property
     def checked(self) -> tuple[GateResult, ...]:
-        """The gates that measured something: what was not checked is no reason for a retake."""
+        """Results of the gates that measured something: the others are no reason for a retake."""
         return tuple(result for result in self.results if result.status != "not checked")
 
     @property
     def good(self) -> bool:
-        """Whether no gate found it wanting."""
+        """Whether the pose is right and no gate failed."""
         return self.wrong_pose is None and not any(result.failed for result in self.results)
 
 
@@ -78,19 +77,14 @@ class Inspector:
         self._kept: OrderedDict[tuple[str, ShotStep], Inspection] = OrderedDict()
 
     def inspect(self, photo: Photo, step: ShotStep, pixels: np.ndarray | None = None) -> Inspection:
-        """Measure a photograph that should show a step; the last few are remembered.
-
-        Args:
-            photo: the file.
-            step: what it should show.
-            pixels: (h, w, 3) uint8 sRGB, where it was decoded before.
+        """Measure a photograph that should show a step; the last few are kept. `pixels` save decoding it again.
 
         Raises:
             UnreadableImage: it does not decode.
             ToolkitError: the board's or the lenses' file is broken.
         """
         key = (photo.sha256, step)
-        with self._lock:  # two at once would only take turns on the processor, each for twice as long
+        with self._lock:  # two at once would share the processor
             if key not in self._kept:
                 self._kept[key] = self._measure(photo, step, load_pixels(photo) if pixels is None else pixels)
             self._kept.move_to_end(key)
@@ -99,19 +93,16 @@ class Inspector:
             return self._kept[key]
 
     def warm_up(self, step: ShotStep) -> None:
-        """Build the object of the next shot and load what judges it, so that its photograph need not wait for that.
-
-        What is wrong is not said here, but with the photograph.
-        """
+        """Build the object of the next shot and load the gates ahead of its photograph, which then reports faults."""
         with self._lock, suppress(ToolkitError):
             if not self._stopped and (step.object, step.variant) not in self._warm:
                 self._warm.add((step.object, step.variant))
                 expectation = self._expecter.expect(step.object, step.variant, step.pose_id)
-                # a plain grey picture is enough to load what judges the real photograph
+                # a plain grey picture is enough to load all that the gates need
                 inspect_photo(np.full((120, 160, 3), GREY, np.uint8), expectation)
 
     def stop(self) -> None:
-        """Wait for what is being measured, and warm up no more: a thread that a renderer holds must not be cut off."""
+        """Wait for the current measurement, and warm up no more: a thread in a renderer must not be cut off."""
         with self._lock:
             self._stopped = True
 
@@ -133,8 +124,8 @@ class Inspector:
 
 
 def _compare_size(lens: Camera, match: PoseMatch, pose: Pose, camera: Camera) -> float:
-    """Size of the object in a photograph over that in the plan's picture, both measured by the shorter side."""
-    # focal lengths as shares of the shorter side: what the ghost is as wide as
+    """Size of the object in a photograph over that in the plan's picture, both relative to the shorter side."""
+    # focal lengths as shares of the shorter side, which is the ghost's width
     zoom = lens.fx / min(lens.width, lens.height) / (camera.fx / min(camera.width, camera.height))
     planned_mm = view_of(pose.matrix(), np.array(pose.target_mm)).distance_mm
     return float(zoom * planned_mm / max(planned_mm + match.distance_mm, 1.0))

@@ -1,4 +1,4 @@
-"""What a classifier says of the photographs that were kept, worked out beside the page."""
+"""Predictions of a classifier for the kept photographs, in a thread beside the page."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from toolkit.evaluation.ground_truth import class_of_spec
 from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.prediction import Prediction
 from toolkit.models.network import Classifier
+from toolkit.rooms.photos.shot_order import ShotStep
 from toolkit.rooms.photos.studio.session import Session
 
 Load = Callable[[], Classifier]
@@ -23,13 +24,7 @@ LOADED_BY_S = 30.0
 
 @dataclass(frozen=True)
 class PredictorState:
-    """What the page says of the classifier.
-
-    Attributes:
-        status: loading, ready, or missing.
-        message: the network's name, or why there is none.
-        notes: objects that it cannot judge, and why.
-    """
+    """State of the classifier: its name, or why there is none, and why it cannot judge some objects."""
 
     status: Literal["loading", "ready", "missing"]
     message: str
@@ -39,8 +34,7 @@ class PredictorState:
 class Predictor:
     """A thread that loads a classifier once and then classifies each kept photograph once.
 
-    Photographs come here only after they were kept. Whether a photograph is good enough must not depend on the
-    answer of a network, or the comparison would measure the choosing.
+    Only kept photographs are classified: a choice of photographs by a network's answers would bias the comparison.
     """
 
     def __init__(self, session: Session, load: Load) -> None:
@@ -51,7 +45,7 @@ class Predictor:
         self._thread = Thread(target=self._run, name="studio-predictor", daemon=True)
 
     def start(self) -> None:
-        """Begin to load."""
+        """Begin to load the classifier."""
         self._thread.start()
         self.wake()
 
@@ -60,7 +54,7 @@ class Predictor:
         self._wake.set()
 
     def stop(self) -> None:
-        """End the thread; waits for what it is at: cut off while it loads, torch would abort the process."""
+        """End the thread, after its current step: cut off while it loads, torch would abort the process."""
         self._ended.set()
         self._wake.set()
         if self._thread.is_alive():
@@ -68,7 +62,7 @@ class Predictor:
 
     @property
     def state(self) -> PredictorState:
-        """How far it is."""
+        """State of the classifier."""
         with self._lock:
             return self._state
 
@@ -80,7 +74,7 @@ class Predictor:
             with self._lock:
                 found = self._known.get(key) if key else None
             if found is not None:
-                rows.append(_describe(shot.step.number, shot.step.object, shot.step.variant, shot.step.pose_id, found))
+                rows.append(_describe(shot.step, found))
         return rows
 
     def _run(self) -> None:
@@ -92,7 +86,7 @@ class Predictor:
         self._say(PredictorState("ready", classifier.name))
         while not self._ended.is_set():
             self._wake.wait()
-            # before looking: a photograph that is kept meanwhile wakes it once more
+            # cleared first: a photograph that is kept meanwhile wakes it once more
             self._wake.clear()
             try:
                 self._classify_new(classifier)
@@ -108,6 +102,7 @@ class Predictor:
             key, name = self._key(shot.path), shot.step.object
             if key is None or shot.path is None or key in self._known or name in notes:
                 continue
+            # an object without a class of the network is noted once
             try:
                 true = class_of_spec(specs[name], classifier)
             except (ToolkitError, KeyError) as error:
@@ -137,9 +132,10 @@ class Predictor:
         return path, facts.st_mtime_ns, facts.st_size
 
 
-def _describe(number: int, name: str, variant: str, pose_id: int, found: Prediction) -> dict[str, Any]:
+def _describe(step: ShotStep, found: Prediction) -> dict[str, Any]:
     return {
-        "number": number, "object": name, "variant": variant, "pose_id": pose_id, "label": found.top1_label,
+        "number": step.number, "object": step.object, "variant": step.variant, "pose_id": step.pose_id,
+        "label": found.top1_label,
         "probability": found.top1_prob, "true_label": found.true_label, "true_probability": found.true_prob,
         "rank": found.true_rank, "right": found.correct_top1, "trouble": None if found.is_read else found.status,
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Open the door: which address, which port, and the server's life until Ctrl-C."""
+"""The studio's server: address, port, access, and its life until Ctrl-C."""
 
 import hmac
 import secrets
@@ -31,7 +31,7 @@ POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; media-src 'self' blob:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""Nothing from elsewhere, nothing inline: what is not a file of the page does not run."""
+"""Only files of the page run: nothing from elsewhere, nothing inline."""
 HEADERS = {
     "content-security-policy": POLICY,
     "x-content-type-options": "nosniff",
@@ -42,11 +42,11 @@ HEADERS = {
 }
 LOOPBACK = "127.0.0.1"
 USUAL_PORT = 8765
-"""Tried first, so that a page that is open finds a restarted server again."""
+"""Tried first, so that an open page finds a restarted server."""
 UNROUTED = ("192.0.2.1", 9)
-"""An address that is nobody's (RFC 5737); asking for the way there sends nothing."""
+"""An address without a host (RFC 5737); asking for the route there sends nothing."""
 PATIENCE_S = 20.0
-"""For the first line of a request to its last header; a phone takes milliseconds."""
+"""Limit from the first line of a request to its last header; a phone takes milliseconds."""
 
 
 def make_token() -> str:
@@ -56,13 +56,12 @@ def make_token() -> str:
 
 @dataclass(frozen=True)
 class Access:
-    """Whom the server answers.
+    """Requests that the server answers.
 
     Attributes:
-        hosts: values of the Host header that are this server; another value is a web site whose name was bent to this
-            address (DNS rebinding).
-        token: what every request must bring; None on loopback.
-        cookie: name of the cookie that carries it.
+        hosts: values of the Host header for this server; others are DNS rebinding.
+        token: that every request must hold; None on loopback.
+        cookie: name of the token's cookie.
     """
 
     hosts: frozenset[str]
@@ -70,9 +69,9 @@ class Access:
     cookie: str = "toolkit_studio"
 
     def is_this_host(self, headers: Headers) -> bool:
-        """Whether the request was meant for this server: exactly one Host header, and a known host."""
+        """Whether the request is for this server: a single Host header, and a known host."""
         named = headers.getlist("host")
-        # two Host headers are read otherwise by different programs: neither is believed
+        # programs differ in which of two Host headers they read: neither counts
         return len(named) == 1 and named[0].lower() in self.hosts
 
     def is_same_site(self, method: str, headers: Headers) -> bool:
@@ -80,21 +79,19 @@ class Access:
         if method in SAFE_METHODS:
             return True
         origin = headers.get("origin")
-        # browsers say where a request comes from, and no page can change that
+        # browsers name the origin of a request, and no page can change that
         if origin is not None and origin.lower() not in {f"http://{host}" for host in self.hosts}:
             return False
-        # absent where no browser asks, such as curl: such a client brings the token, if the server has a token
+        # absent without a browser, as in curl: such a client needs the token, if the server has a token
         return headers.get("sec-fetch-site", "same-origin") in ("same-origin", "none")
 
     def knows(self, token: str | None) -> bool:
-        """Compare with the token in a time that tells nothing of it."""
-        if self.token is None:
-            return True
-        return token is not None and hmac.compare_digest(token.encode(), self.token.encode())
+        """Compare with the token in constant time."""
+        return self.token is None or (token is not None and hmac.compare_digest(token.encode(), self.token.encode()))
 
 
 class Guard:
-    """Refuses every request that `Access` does not admit, with 403 and nothing in it, before anything else sees it."""
+    """Refuses every request that `Access` does not admit, with an empty 403, before anything else sees it."""
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
         self._app, self._access = app, access
@@ -114,11 +111,11 @@ class Guard:
         asked = next((value for name, value in query if name == QUERY_NAME), None)
         admitted = access.is_this_host(headers) and access.is_same_site(scope["method"], headers)
         brought = [asked, _read_cookie(headers, access.cookie), _read_bearer(headers)]
-        # a list, so that all three are compared whichever of them is right
+        # a list, so that all three are always compared
         if not (admitted and any([access.knows(token) for token in brought])):
             await refusal(scope, receive, _add_headers(send))
             return
-        # only when the page is opened: a script or a picture that brings the token needs no detour
+        # only when the page is opened: a script or a picture with the token needs no detour
         if asked is not None and access.token is not None and scope["path"] == "/" and scope["method"] == "GET":
             rest = urlencode([(name, value) for name, value in query if name != QUERY_NAME])
             await self._move_to_cookie(rest)(scope, receive, _add_headers(send))
@@ -126,9 +123,9 @@ class Guard:
         await self._app(scope, receive, _add_headers(send))
 
     def _move_to_cookie(self, rest: str) -> Response:
-        """Take the token out of the address bar and the history, once it is known."""
+        """Move a known token from the address bar and the history to a cookie."""
         moved = Response(status_code=303, headers={"location": f"/?{rest}" if rest else "/"})
-        # HttpOnly: no script reads it; Lax: it comes along when the page is opened from a link
+        # HttpOnly: no script reads it; Lax: links to the page send it
         moved.set_cookie(self._access.cookie, self._access.token or "", httponly=True, samesite="lax", path="/")
         return moved
 
@@ -163,13 +160,7 @@ def _add_headers(send: Send) -> Send:
 
 @dataclass(frozen=True)
 class Listener:
-    """A socket that listens, and who is let in.
-
-    Attributes:
-        address, port: where it listens.
-        access: whom the server answers.
-        listener: the socket.
-    """
+    """A socket that listens at an address and port, and its access."""
 
     address: str
     port: int
@@ -178,17 +169,17 @@ class Listener:
 
     @property
     def url(self) -> str:
-        """Address to open in a browser, with the token if there is one."""
+        """Address to open in a browser, with any token."""
         base = f"http://{self.address}:{self.port}/"
         return f"{base}?token={self.access.token}" if self.access.token else base
 
 
 def listen(lan: bool = False, port: int | None = None, address: str | None = None) -> Listener:
-    """Bind the address, so that trouble with it is said before anything is promised.
+    """Bind the address before anything is shown.
 
     Args:
         lan: listen to the local network, with a token, instead of to this machine alone.
-        port: None tries the usual port, then takes any that is free.
+        port: None tries the usual port, then any free port.
         address: of this machine in the local network; None finds it.
 
     Raises:
@@ -206,11 +197,7 @@ def listen(lan: bool = False, port: int | None = None, address: str | None = Non
 
 
 def find_lan_address() -> str:
-    """This machine's address in the local network.
-
-    Raises:
-        ToolkitError: it has none.
-    """
+    """Return this machine's address in the local network; a `ToolkitError` without an address."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(UNROUTED)
@@ -218,25 +205,25 @@ def find_lan_address() -> str:
         except OSError:
             found = LOOPBACK
     if found.startswith("127.") or found == "0.0.0.0":
-        raise FieldError("{lan}: this machine has no address in a local network: join one, or name it by {address}", {})
+        raise FieldError("{lan}: this machine has no address in a local network: join a network, or give {address}", {})
     return found
 
 
 def show_code(url: str, say: Callable[[str], object]) -> None:
-    """Say a QR code of half blocks, line by line."""
+    """Print a QR code of half blocks, line by line."""
     import io
 
     import segno
 
     buffer = io.StringIO()
-    # the least correction makes the smallest code: a screen has no dirt to mend
+    # the least correction makes the smallest code, and a screen has no dirt
     segno.make(url, error="l", micro=False).terminal(buffer, compact=True, border=2)
     for line in buffer.getvalue().splitlines():
         say(line)
 
 
 def make_server(app: "ASGIApp") -> "uvicorn.Server":
-    """A server that ends when its `should_exit` is set; what is being answered then is finished, for some seconds."""
+    """A server that ends when its `should_exit` is set, after some seconds for open requests."""
     import uvicorn
 
     return uvicorn.Server(
@@ -251,7 +238,7 @@ def _make_protocol() -> "type[asyncio.Protocol]":
     from uvicorn.protocols.http.h11_impl import H11Protocol
 
     class Impatient(H11Protocol):
-        """Closes a connection on which no whole request has come for a while: it would be kept open for ever."""
+        """Closes a connection without a whole request for a while, which would be kept open for ever."""
 
         _patience: "asyncio.TimerHandle | None" = None
 
@@ -261,7 +248,7 @@ def _make_protocol() -> "type[asyncio.Protocol]":
 
         def data_received(self, data: bytes) -> None:
             super().data_received(data)
-            # not at every byte: a slow trickle would keep it open for ever
+            # not at every byte, or a slow trickle would keep it open for ever
             if self._patience is None:
                 self._wait()
 
@@ -277,7 +264,7 @@ def _make_protocol() -> "type[asyncio.Protocol]":
             self._patience = None
             if self.cycle is None or self.cycle.response_complete:
                 self.transport.close()
-            else:  # a request is being answered; who reads its body has a limit of its own
+            else:  # a request is being answered; its body has another limit
                 self._wait()
 
     return Impatient
@@ -285,9 +272,9 @@ def _make_protocol() -> "type[asyncio.Protocol]":
 
 @contextmanager
 def end_on_signal(server: "uvicorn.Server") -> Iterator[None]:
-    """Ctrl-C and SIGTERM end the server, also before it runs, and interrupt nothing else.
+    """End the server by Ctrl-C and SIGTERM, also before it runs, and interrupt nothing else.
 
-    As an exception, a Ctrl-C is lost where Python happens to be in a callback, as it is while modules are imported.
+    As an exception, a Ctrl-C would be lost in a callback, as Python is in while modules are imported.
     """
 
     def end(*_: object) -> None:
@@ -303,7 +290,7 @@ def end_on_signal(server: "uvicorn.Server") -> Iterator[None]:
 
 def _bind(host: str, port: int, any_will_do: bool) -> socket.socket:
     listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
-    # else the port of a server that was stopped is taken for a minute
+    # without this the port of a stopped server is taken for a minute
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
@@ -325,5 +312,5 @@ def _explain(host: str, port: int, error: OSError | OverflowError) -> str:
     if code == errno.EACCES:
         return f"port {port} may not be used: choose a {{port}} above 1023"
     if code == errno.EADDRNOTAVAIL:
-        return f"{host} is no address of this machine: leave {{address}} out, or name one that is"
+        return f"{host} is not an address of this machine: leave {{address}} out, or correct it"
     return f"cannot listen on {host} port {port}: {getattr(error, 'strerror', None) or error}"

@@ -1,4 +1,4 @@
-"""A session at the table: which shots there are, which are taken, and what happens to a photograph."""
+"""A session at the table: the state of its shots, and the photographs that are received, kept or discarded."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -44,14 +44,12 @@ NOT_FOUND, CONFLICT = 404, 409
 
 
 @dataclass(frozen=True)
-class Shot:
-    """A step of the list, and how far it is.
+class ShotState:
+    """A step of the list and its state.
 
     Attributes:
-        step: of the list.
-        status: done: a photograph is in the captures. waiting: a photograph is uploaded and not yet accepted, which
-            may be a retake of a photograph that is there. skipped: put off.
-        path: of the photograph that is there, below captures/SOURCE; None without a photograph.
+        status: of a shot. A waiting photograph is uploaded and not yet accepted, and may be a retake.
+        path: of the photograph in captures/SOURCE; None without a photograph.
         retake: whether that photograph failed a gate.
     """
 
@@ -63,14 +61,7 @@ class Shot:
 
 @dataclass(frozen=True)
 class Session:
-    """What the page works on; every method may be called from any thread.
-
-    Attributes:
-        workspace: whose captures they become.
-        plan, shots: from where, and in which order.
-        inspector: measures a photograph.
-        source: folder below captures/.
-    """
+    """Plan, shots and captures/`source` of a workspace; every method may be called from any thread."""
 
     workspace: Workspace
     plan: CapturePlan
@@ -86,11 +77,11 @@ class Session:
 
     @property
     def folders(self) -> UploadFolders:
-        """Where uploads and waiting photographs are."""
+        """Folders of uploads and waiting photographs."""
         return UploadFolders(self.workspace.root)
 
     def find_step(self, number: int) -> ShotStep:
-        """The step with that number; `Refused` (404) where the list has none."""
+        """Return the step with that number, or raise `Refused` (404)."""
         if not 1 <= number <= len(self.shots.steps):
             raise Refused(NOT_FOUND, f"there is no shot {number}: the list has {len(self.shots.steps)}")
         return self.shots.steps[number - 1]
@@ -99,26 +90,23 @@ class Session:
         """The step's pose in the plan."""
         return next(pose for pose in self.plan.objects[step.object] if pose.id == step.pose_id)
 
-    def list_shots(self) -> list[Shot]:
-        """Every step of the list with its state, as the disk says."""
+    def list_shots(self) -> list[ShotState]:
+        """Every step of the list with its state on the disk."""
         with self._lock:
             index = self._index()
             return [self._look_up(step, index) for step in self.shots.steps]
 
-    def look_up(self, number: int) -> Shot:
+    def look_up(self, number: int) -> ShotState:
         """A step with its state."""
         with self._lock:
             return self._look_up(self.find_step(number), self._index())
 
-    def find_record(self, shot: Shot) -> CaptureRecord | None:
-        """The manifest's line on the photograph that is there; None where it was put there by hand."""
+    def find_record(self, shot: ShotState) -> CaptureRecord | None:
+        """The manifest's line on the photograph that is there; None if it was put there by hand."""
         return self._index().records.get(shot.path) if shot.path else None
 
     def receive(self, number: int, upload: Path) -> Inspection | None:
-        """Check an upload by its content, let it wait at its shot, and measure it.
-
-        Returns:
-            What was measured; None where this photograph is stored already, as after a lost answer.
+        """Check an upload by its content, let it wait at its shot, and measure it; None if it is stored already.
 
         Raises:
             Refused: no photograph (415), or a photograph of another shot (409); the upload is deleted.
@@ -126,7 +114,7 @@ class Session:
         """
         step = self.find_step(number)
         try:
-            # outside of the lock: decoding takes long, and other shots need not wait for it
+            # outside of the lock, as decoding takes long
             photo, pixels = open_upload(upload)
             with self._lock:
                 # a phone that lost the answer sends the photograph again
@@ -138,26 +126,24 @@ class Session:
             except (OSError, UnreadableImage):
                 if file.exists():
                     raise
-                raise Refused(CONFLICT, "a later photograph of this shot has taken its place: look at that") from None
+                raise Refused(
+                    CONFLICT, "a later photograph of this shot has taken its place: reload the page"
+                ) from None
         finally:
             delete_file(upload)
 
     def inspect_waiting(self, number: int) -> Inspection | None:
-        """The verdict on the photograph that waits at a shot, None where none waits."""
+        """Inspect the photograph that waits at a shot, if any."""
         shot = self.look_up(number)
         file = self.folders.find_waiting(shot.step) if shot.status == "waiting" else None
         return self.inspector.inspect(read_photo(file), shot.step) if file else None
 
-    def keep(self, number: int, sha256: str) -> Shot:
-        """Write the photograph that waits into the captures, as `toolkit import` does; doing it twice does no harm.
-
-        Args:
-            number: of the shot.
-            sha256: of the photograph that was looked at.
+    def keep(self, number: int, sha256: str) -> ShotState:
+        """Write the waiting photograph with that hash into the captures, as `toolkit import`; twice does no harm.
 
         Raises:
             Refused: another photograph waits there by now, or none (409).
-            ToolkitError: the disk is full or not to be written; the photograph goes on waiting.
+            ToolkitError: the disk is full or not to be written; the photograph still waits.
         """
         with self._lock, hold_folder(self.source_dir):
             step = self.find_step(number)
@@ -166,83 +152,75 @@ class Session:
                 return self.look_up(number)
             file = self.folders.find_waiting(step)
             if file is None or hash_in_name(file) != sha256[:HASH_DIGITS]:
-                raise Refused(
-                    CONFLICT, "this photograph no longer waits for a decision: reload the page, or take another"
-                )
+                gone = "this photograph no longer waits for a decision: reload the page, or take another"
+                raise Refused(CONFLICT, gone)
             photo = read_photo(file)
             seen = self.inspector.inspect(photo, step)
             key = CaptureKey(step.object, step.variant, step.pose_id)
-            evidence = Evidence(
-                Candidate(photo, photo.name, ()), (step.object, step.variant), located=seen.located,
-                no_board=seen.no_board,
-            )  # fmt: skip
-            # what is not known of its booster is recorded as such, and no reason to lose a shot
-            subject, _ = read_subject(self.workspace, step.object, step.variant)
+            candidate, group = Candidate(photo, photo.name, ()), (step.object, step.variant)
+            evidence = Evidence(candidate, group, located=seen.located, no_board=seen.no_board)
+            # an unknown booster is recorded as such, and no reason to lose a shot
+            subject, _ = read_subject(self.workspace, *group)
+            decision = name_pose(Decision(key, "user", seen.match), self.plan)
             # stored before it is dropped: a kill in between leaves it in both, see `_look_up`
-            store_photo(
-                self._index(), evidence, name_pose(Decision(key, "user", seen.match), self.plan),
-                subject, lambda *_: seen.checked,
-            )  # fmt: skip
+            store_photo(self._index(), evidence, decision, subject, lambda *_: seen.checked)
             self.folders.drop_waiting(step)
             self.folders.set_skipped(step, False)
             self.write_lists()
             return self.look_up(number)
 
-    def discard(self, number: int) -> Shot:
-        """Throw away what waits at a shot; what is in the captures stays."""
+    def discard(self, number: int) -> ShotState:
+        """Delete the photograph that waits at a shot; the captures stay."""
         with self._lock:
             self.folders.drop_waiting(self.find_step(number))
             return self.look_up(number)
 
-    def skip(self, number: int, skipped: bool) -> Shot:
+    def skip(self, number: int, skipped: bool) -> ShotState:
         """Put a shot off, or call it back."""
         with self._lock:
             self.folders.set_skipped(self.find_step(number), skipped)
             return self.look_up(number)
 
     def write_lists(self) -> None:
-        """Write `transforms.json` and `retake.txt` anew, as an import does at its end."""
+        """Write `transforms.json` and `retake.txt` again, as an import does at its end."""
         records = [record for _, record in sorted(self._index().records.items())]
         there = [record for record in records if (self.source_dir / record.path).is_file()]
         write_transforms(self.source_dir, there)
         list_recorded(self.workspace, self.source_dir, there)
 
     def exclusive(self) -> RLock:
-        """Held while files are changed."""
+        """Return the lock to hold while files are changed."""
         return self._lock
 
     def _index(self) -> SourceIndex:
-        # without hashing gigabytes: what is whole is asked by the import and by the evaluation
+        # without hashing gigabytes: import and evaluation check what is whole
         return SourceIndex(self.source_dir, {}, {}, read_manifest(self.source_dir))
 
-    def _look_up(self, step: ShotStep, index: SourceIndex) -> Shot:
+    def _look_up(self, step: ShotStep, index: SourceIndex) -> ShotState:
         there = find_images(index, CaptureKey(step.object, step.variant, step.pose_id))
         path = show_path(there[0].relative_to(self.source_dir).parts) if there else None
         record = index.records.get(path) if path else None
         retake = bool(record and record.made.get("retake"))
         waiting = self.folders.find_waiting(step)
         kept = (_original(record) or "")[:HASH_DIGITS] if record else None
-        # a kill between the two steps of `keep` leaves what is kept waiting
+        # a kill between the two steps of `keep` leaves a kept photograph waiting
         if waiting is not None and hash_in_name(waiting) != kept:
-            return Shot(step, "waiting", path, retake)
-        # a photograph of another plan's pose is none of this shot; one without a plan, or by hand, is taken for it
+            return ShotState(step, "waiting", path, retake)
+        # a photograph of another plan's pose is not this shot; without a plan, or by hand, it counts
         pose_sha256 = record.made.get("pose_sha256") if record else None
         if path and pose_sha256 in (None, hash_pose(self.plan.camera, self.find_pose(step))):
-            return Shot(step, "done", path, retake)
-        return Shot(step, "skipped" if self.folders.skip_mark(step).exists() else "open", None)
+            return ShotState(step, "done", path, retake)
+        return ShotState(step, "skipped" if self.folders.skip_mark(step).exists() else "open", None)
 
     def _is_kept(self, step: ShotStep, sha256: str) -> bool:
-        """Whether this photograph is the shot's already; `Refused` where it is another shot's."""
+        """Whether this photograph is the shot's already; `Refused` if it is another shot's."""
         for record in self._index().records.values():
             if _original(record) != sha256 or not (self.source_dir / record.path).is_file():
                 continue
             if (record.object, record.variant, record.pose_id) == (step.object, step.variant, step.pose_id):
                 return True
-            raise Refused(
-                CONFLICT,
-                f"this photograph is stored already, as {record.object} {record.variant} pose {record.pose_id}: "
-                "take or choose another one",
-            )
+            stored = f"{record.object} {record.variant} pose {record.pose_id}"
+            raise Refused(CONFLICT, f"this photograph is stored already, as {stored}: take or choose another")
         return False
 
 
@@ -256,7 +234,7 @@ def open_session(
     source: str = "real",
     make_inspector: Callable[[Workspace, CapturePlan], Inspector] = Inspector,
 ) -> Session:
-    """The session of a workspace: its plan, its shot list, and what was photographed before.
+    """Open the session of a workspace by its plan, its shot list, and earlier photographs.
 
     Raises:
         ToolkitError: there is no plan or no shot list, they are broken, or nothing can be written.
@@ -270,12 +248,12 @@ def open_session(
     session = Session(workspace, plan, read_shots(file, plan), make_inspector(workspace, plan), source)
     check_writable(session.folders)
     session.folders.sweep()
-    session.list_shots()  # a broken manifest is said now, not when the first photograph is kept
+    session.list_shots()  # reports a broken manifest now, not when the first photograph is kept
     return session
 
 
-def undo_keep(session: Session, number: int) -> Shot:
-    """Undo `keep`: the photograph waits at its shot again, and a shot that it had replaced is there again.
+def undo_keep(session: Session, number: int) -> ShotState:
+    """Undo `keep`: the photograph waits at its shot again, and a photograph that it replaced is there again.
 
     Raises:
         Refused: nothing is there, or it was put there by hand (409).
@@ -292,35 +270,27 @@ def undo_keep(session: Session, number: int) -> Shot:
             what = "was put there by hand: delete the file itself" if there else "is not there"
             raise Refused(CONFLICT, f"the photograph of shot {number} {what}")
         file = root / record.path
-        # a copy first: it is always in one of the two folders
+        # a copy first: it is always in either folder
         upload = write_bytes(session.folders.new_incoming(), file.read_bytes())
         session.folders.put_waiting(step, upload, read_photo(upload))
         before = _find_before(root, record)
         delete_file(file)
         drop_records(root, {record.path})
         if before is not None:
-            _bring_back(root, before, record)
+            old = root / REPLACED / before.path
+            path = str(Path(record.path).with_suffix(old.suffix).as_posix())
+            write_bytes(root / path, old.read_bytes())
+            append_record(root, before.model_copy(update={"path": path}))
         session.write_lists()
         return session.look_up(number)
 
 
 def _find_before(root: Path, record: CaptureRecord) -> CaptureRecord | None:
-    """The record of the photograph that this photograph replaced; None if it was the first."""
-    kept = [
-        kept_record
-        for kept_record in read_manifest(root / REPLACED).values()
-        if (kept_record.object, kept_record.variant, kept_record.pose_id)
-        == (record.object, record.variant, record.pose_id)
-        and (root / REPLACED / kept_record.path).is_file()
-    ]
+    """The record of the photograph that this photograph replaced, if any."""
+    shown = (record.object, record.variant, record.pose_id)
+    every = [old for old in read_manifest(root / REPLACED).values() if (old.object, old.variant, old.pose_id) == shown]
+    kept = [old for old in every if (root / REPLACED / old.path).is_file()]
     originals = [find_original(photograph) for photograph in kept]
     own = find_original(record)
     kept = kept[: originals.index(own)] if own in originals else kept
     return kept[-1] if kept else None
-
-
-def _bring_back(root: Path, before: CaptureRecord, record: CaptureRecord) -> None:
-    old = root / REPLACED / before.path
-    path = str(Path(record.path).with_suffix(old.suffix).as_posix())
-    write_bytes(root / path, old.read_bytes())
-    append_record(root, before.model_copy(update={"path": path}))

@@ -1,4 +1,4 @@
-"""Take a photograph in from the network, checked by content, and keep it until somebody has said yes to it."""
+"""Receive a photograph from the network, check its content, and hold it until somebody accepts it."""
 
 import asyncio
 import secrets
@@ -18,10 +18,9 @@ from toolkit.rooms.photos.shot_order import ShotStep
 
 
 class Refused(ToolkitError):
-    """A request that is answered with one clear line; `status` is HTTP's.
+    """A refused request, with a line that says why and an HTTP `status`.
 
-    404: no such shot. 408: it stopped coming. 409: the state differs from what the page
-    thought. 413: too large. 415: no photograph.
+    404: no such shot. 408: it stopped coming. 409: the page is out of date. 413: too large. 415: no photograph.
     """
 
     def __init__(self, status: int, message: str) -> None:
@@ -37,7 +36,7 @@ PART = ".part"
 
 @dataclass(frozen=True)
 class UploadFolders:
-    """Folders of one workspace's studio."""
+    """Folders of a workspace's studio."""
 
     root: Path
 
@@ -47,35 +46,27 @@ class UploadFolders:
         return inside(self.root, f"{FOLDER}/incoming")
 
     def waiting_dir(self, step: ShotStep) -> Path:
-        """Holds at most one photograph of a shot, while its verdict is read."""
+        """Folder of the waiting photograph of a shot."""
         return self._place("waiting", step)
 
     def skip_mark(self, step: ShotStep) -> Path:
-        """An empty file that says the shot was put off."""
+        """An empty file for a skipped shot."""
         return self._place("skipped", step)
 
     def _place(self, what: str, step: ShotStep) -> Path:
         return inside(self.root, f"{FOLDER}/{what}/{step.object}/{step.variant}/pose_{step.pose_id:02d}")
 
     def new_incoming(self) -> Path:
-        """A name for the next upload.
-
-        Raises:
-            ToolkitError: the folder cannot be made.
-        """
-        # a name of our own: nothing that the network says becomes a path
+        """Return a name for the next upload; a `ToolkitError` if its folder cannot be made."""
+        # a random name: nothing from the network becomes a path
         return make_folder(self.incoming_dir, self.root) / f"{secrets.token_hex(16)}{PART}"
 
     def find_waiting(self, step: ShotStep) -> Path | None:
-        """The photograph of a shot that waits for a yes or no; None where there is none."""
+        """The waiting photograph of a shot, if any."""
         return max(self._list_waiting(step), default=None)  # the names begin with the time
 
     def put_waiting(self, step: ShotStep, upload: Path, photo: Photo) -> Path:
-        """Move an upload to its shot; the upload that waited there before is deleted.
-
-        Raises:
-            ToolkitError: the disk is full or not to be written.
-        """
+        """Move an upload to its shot, and delete the upload that waited there before."""
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
         file = self.waiting_dir(step) / f"{stamp}-{photo.sha256[:HASH_DIGITS]}{SUFFIXES[photo.kind]}"
         # listed before the move: the new upload is not among those deleted
@@ -86,7 +77,7 @@ class UploadFolders:
         return file
 
     def drop_waiting(self, step: ShotStep) -> None:
-        """Throw away what waits for a shot."""
+        """Delete the waiting photograph of a shot."""
         for waiting in list(self._list_waiting(step)):
             delete_file(waiting)
 
@@ -95,11 +86,11 @@ class UploadFolders:
         mark = self.skip_mark(step)
         if skipped:
             write_bytes(mark, b"", self.root)
-            return
-        delete_file(mark)
+        else:
+            delete_file(mark)
 
     def sweep(self) -> None:
-        """Remove what uploads left that a stopped server never finished."""
+        """Delete uploads that a stopped server never finished."""
         if self.incoming_dir.is_dir():
             for file in self.incoming_dir.iterdir():
                 delete_file(file)
@@ -107,9 +98,7 @@ class UploadFolders:
     def _list_waiting(self, step: ShotStep) -> Iterator[Path]:
         folder = self.waiting_dir(step)
         if folder.is_dir():
-            yield from (
-                waiting for waiting in folder.iterdir() if waiting.is_file() and not waiting.name.startswith(".")
-            )
+            yield from (file for file in folder.iterdir() if file.is_file() and not file.name.startswith("."))
 
 
 def hash_in_name(file: Path) -> str:
@@ -118,7 +107,7 @@ def hash_in_name(file: Path) -> str:
 
 
 def check_writable(folders: UploadFolders) -> None:
-    """A `ToolkitError` where no upload could be written, before anybody takes a photograph."""
+    """Raise `ToolkitError` if no upload could be written, before anybody takes a photograph."""
     delete_file(write_bytes(folders.new_incoming(), b"", folders.root))
 
 
@@ -129,19 +118,18 @@ HTTP_LATE, HTTP_TOO_LARGE, HTTP_NO_PHOTO = 408, 413, 415
 BLOCK_S = 30.0
 MOST_MEGAPIXELS = 64
 """Decoding takes up to 18 bytes a pixel, 1.2 GB; a phone's 50 megapixels are within."""
-_decoding = Lock()
-"""Lock that reads uploads in turn, however many phones send at once."""
+_decoding = Lock()  # uploads are decoded in turn, however many phones send at once
 LEAST_SIDE_PX, MOST_ASPECT = 32, 20
-"""What is smaller or longer shows nothing that could be measured."""
+"""Smallest side and longest shape of a picture that could be measured."""
 
 
 async def receive_file(blocks: AsyncIterator[bytes], folders: UploadFolders, announced: int | None, limit: int) -> Path:
-    """Write an upload to a new file of the incoming folder; what breaks off leaves nothing behind.
+    """Write an upload to a new file of the incoming folder; an upload that breaks off leaves nothing.
 
     Args:
         blocks: of the request's body.
         folders: of the workspace.
-        announced: its Content-Length, None where it has none; a wrong length is not believed.
+        announced: its Content-Length, which may be wrong, or None.
         limit: most bytes.
 
     Raises:
@@ -154,7 +142,7 @@ async def receive_file(blocks: AsyncIterator[bytes], folders: UploadFolders, ann
     with open_whole(file, folders.root) as stream:  # gone when a phone goes away, or the server is stopped
         async for block in _in_time(blocks):
             size += len(block)
-            # counted as it comes: the announced length is the sender's word
+            # counted on arrival: the announced length may be wrong
             if size > limit:
                 raise _too_large(limit)
             stream.write(block)
@@ -171,22 +159,18 @@ async def _in_time(blocks: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
         except StopAsyncIteration:
             return
         except asyncio.TimeoutError:
-            raise Refused(
-                HTTP_LATE, f"no more data of the photograph came for {BLOCK_S:.0f} s: send it again"
-            ) from None
+            late = f"no more data of the photograph came for {BLOCK_S:.0f} s: send it again"
+            raise Refused(HTTP_LATE, late) from None
 
 
 def open_upload(file: Path) -> tuple[Photo, np.ndarray]:
-    """Describe and decode an upload by its content alone.
-
-    Returns:
-        The photograph, and its pixels (h, w, 3) uint8.
+    """Describe and decode an upload by its content alone; also returns its pixels (h, w, 3) uint8.
 
     Raises:
-        Refused: it is no photograph, a damaged one, or of a kind that a page cannot take.
+        Refused: it is no photograph, damaged, or of an unsuitable kind.
     """
     try:
-        # described before it is decoded: what is too large is refused before it takes memory
+        # described before it is decoded: a huge picture is refused before it takes memory
         photo = read_photo(file)
         if photo.kind not in KINDS:
             raise Refused(HTTP_NO_PHOTO, _explain_kind(photo.kind))

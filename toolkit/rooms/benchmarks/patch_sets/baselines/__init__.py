@@ -1,6 +1,6 @@
-"""What patches are compared with: codes, words, photographs, fixed patterns (the paper, Appendix D.2).
+"""Baselines of patches: codes, words, photographs, fixed patterns (the paper, Appendix D.2).
 
-The settings are declared here once, for the command line and for Python; nothing heavy is loaded for them.
+Here are their settings, for the command line and for Python; nothing heavy is loaded for them.
 """
 
 from typing import Annotated, Literal
@@ -24,15 +24,14 @@ class BaselineConfig(Config):
         Flag(positional=True, metavar="KIND"),
     ] = Field(description="qr, apriltag, word, best-image, random-image or fixed-pattern.")
     class_names: Annotated[tuple[str, ...], Flag("--class", metavar="NAME")] = Field(
-        (),
-        description="A label, index or WordNet id; may be repeated. Default: those of --data, else all.",
+        (), description="A label, index or WordNet id; may be repeated. Default: those of --data, else all."
     )
     sizes_px: Annotated[tuple[int, ...], Field(min_length=1), Flag("--size-px", metavar="N")] = Field(
         (100,), description="Side of the pictures; may be repeated."
     )
     data: Annotated[str | None, Flag(metavar="FOLDER")] = Field(
         None,
-        description="Training images, one folder per class, or cifar10:FOLDER. best-image and random-image need them.",
+        description="Training images, a folder per class, or cifar10:FOLDER. best-image and random-image need them.",
     )
     set_name: Annotated[SetName | None, Flag("--set", metavar="SET")] = Field(
         None, description="The sets are print/patches/SET-SIZE. Default: the kind."
@@ -44,14 +43,12 @@ class BaselineConfig(Config):
         description="Width of the white border around a code, in modules. Default: 1, as in the paper; the QR "
         "standard asks for 4.",
     )
-    seed: Annotated[int, Field(ge=0)] = Field(0, description="Of every random draw.")
+    seed: Annotated[int, Field(ge=0)] = Field(0, description="Seed of every random draw.")
 
     @model_validator(mode="after")
     def _check_kind(self) -> "BaselineConfig":
         if self.kind in NEED_DATA and self.data is None:
-            raise FieldError(
-                f"{self.kind}: expected training images, one folder per class: name them with {{data}}", {}
-            )
+            raise FieldError(f"{self.kind}: expected training images, a folder per class: name them with {{data}}", {})
         if self.border is not None and self.kind not in (QR, APRILTAG):
             raise FieldError(f"{self.kind} is no code and has none: leave it out", {"border": self.border})
         return self

@@ -1,6 +1,6 @@
-"""What all kinds of baseline have in common, and those that need no images: noise, words, QR codes and AprilTags.
+"""The base of all baselines, and those that need no images: noise, words, QR codes and AprilTags.
 
-A code says a class's index to a reader that is made for it (the paper, D.2.1).
+A code holds a class's index for its reader (the paper, D.2.1).
 """
 
 from abc import ABC, abstractmethod
@@ -22,12 +22,12 @@ Advance = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Choice:
-    """What shall stand for a class.
+    """The picture of a class.
 
     Attributes:
-        draw: side in pixels -> (n, n, 3) uint8 sRGB; None where there is nothing to draw.
-        code: side in pixels -> how the code is drawn; None for what is no code.
-        data: for the record: from which data, and which image.
+        draw: side in pixels -> (n, n, 3) uint8 sRGB; None without a picture.
+        code: side in pixels -> facts of the code; None without a code.
+        data: for the record: data and image.
         final: for the record: figures.
         passed_over: (path, reason) of images that could not be used.
     """
@@ -40,14 +40,14 @@ class Choice:
 
 
 class Baseline(ABC):
-    """One kind of baseline.
+    """A kind of baseline.
 
     Attributes:
-        method: what the records call it.
-        seed: of its random draws; 0 where it draws nothing.
-        settings: what decides the pictures of all classes alike.
-        networks: the classifiers that had a say.
-        least_px, least_because: the least side that a picture may have, and why.
+        method: its name in records.
+        seed: of its random draws; 0 without draws.
+        settings: of the pictures of all classes.
+        networks: that decide on pictures.
+        least_px, least_because: the least side of a picture, and why.
     """
 
     method: str
@@ -58,20 +58,20 @@ class Baseline(ABC):
     least_because: str = ""
 
     def list_inputs(self, index: int) -> Any:
-        """What decides the picture of a class beside the settings, as JSON holds it."""
+        """Inputs of the picture of a class beside the settings, for JSON."""
         return None
 
     def is_current(self, record: PatchRecord) -> bool:
-        """Whether what a finished picture was made from is still as it was."""
+        """Whether the source of a finished picture is unchanged."""
         return True
 
     def count_work(self, index: int) -> int:
-        """How far a class moves the progress bar."""
+        """Steps of the progress bar for a class."""
         return 1
 
     @abstractmethod
     def choose(self, index: int, advance: Advance) -> Choice:
-        """Decide what stands for a class; `advance` is told of the work that is done."""
+        """Choose the picture of a class; `advance` moves the progress bar."""
 
 
 MEAN, DEVIATION = 0.5, 0.1
@@ -100,7 +100,7 @@ class FixedPatterns(Baseline):
 
 
 LEAST_MODULE_PX = 2
-"""A camera, or a resampling, cannot keep modules of a single pixel apart."""
+"""Least size of modules that a camera, or a resampling, keeps apart."""
 BLACK, WHITE = 0, 255
 
 
@@ -110,15 +110,9 @@ def fit_module(size_px: int, modules: int, border: int) -> int:
 
 
 def draw_modules(black: np.ndarray, border: int, size_px: int) -> np.ndarray:
-    """Draw a code in the middle of a white square; what the modules do not fill goes to the border.
+    """Draw a code (m, m) bool in the middle of a white square, (size_px, size_px, 3) uint8 sRGB.
 
-    Args:
-        black: (m, m) bool.
-        border: white modules at each side, at least.
-        size_px: side of the square, `LEAST_MODULE_PX` for each module or more.
-
-    Returns:
-        (size_px, size_px, 3) uint8 sRGB.
+    `border` is the least number of white modules at each side, which also gets the pixels that modules do not fill.
     """
     module_px = fit_module(size_px, len(black), border)
     code = np.where(black, BLACK, WHITE).astype(np.uint8).repeat(module_px, 0).repeat(module_px, 1)
@@ -129,9 +123,9 @@ def draw_modules(black: np.ndarray, border: int, size_px: int) -> np.ndarray:
 
 
 LEAST_WORD_PX = 32
-"""Below it no camera and no network reads a name of several letters."""
+"""Least side at which cameras and networks read a name of several letters."""
 WORD_SHARE = 0.92
-"""How much of the side a word may fill."""
+"""Largest share of the side for a word."""
 FONT = "DejaVu Sans Bold"
 
 
@@ -139,7 +133,7 @@ class Words(Baseline):
     """The class's name in black on white, as large as the square holds; networks trained on captions read it.
 
     A wrong word costs CLIP-like networks 18 to 65 points of accuracy (SCAM, arXiv 2504.04893), so a booster for them
-    must be compared with the right one.
+    must be compared with the right word.
     """
 
     method = "the class's name in black on white"
@@ -151,17 +145,18 @@ class Words(Baseline):
         self.settings = {"font": FONT}
 
     def choose(self, index: int, advance: Advance) -> Choice:
-        """The name of one class."""
+        """Return the name of a class."""
         advance(1)
         return Choice(partial(draw_word, self.labels[index].replace("_", " ")))
 
 
 def draw_word(text: str, size_px: int) -> np.ndarray:
-    """(size_px, size_px, 3) uint8 sRGB: a text in black on white, broken at blanks where that makes it larger."""
+    """(size_px, size_px, 3) uint8 sRGB: a text in black on white, broken at blanks if that makes it larger."""
     from PIL import Image, ImageDraw
 
     image = Image.new("L", (size_px, size_px), WHITE)
     pen, room = ImageDraw.Draw(image), WORD_SHARE * size_px
+    # every way to break the text into lines, and the largest font that fits
     words, best = text.split(), (0.0, text)
     lengths = {len(" ".join(words[k:end])) for k in range(len(words)) for end in range(k + 1, len(words) + 1)}
     for most in sorted(lengths):
@@ -169,6 +164,7 @@ def draw_word(text: str, size_px: int) -> np.ndarray:
         left, top, right, bottom = pen.multiline_textbbox((0, 0), lines, font=_font(100), align="center")
         size = 100 * room / max(right - left, bottom - top)
         best = max(best, (size, lines))
+    # centred by the box of the text, not by its lines
     font = _font(max(1, int(best[0])))
     left, top, right, bottom = pen.multiline_textbbox((0, 0), best[1], font=font, align="center")
     place = (size_px - left - right) / 2, (size_px - top - bottom) / 2
@@ -177,7 +173,7 @@ def draw_word(text: str, size_px: int) -> np.ndarray:
 
 
 def _break_lines(words: Sequence[str], most: int) -> list[str]:
-    """Words in lines of at most so many letters, each line at least a word."""
+    """Break words into lines of at most so many letters, or a single word."""
     lines: list[str] = []
     for word in words:
         if lines and len(lines[-1]) + 1 + len(word) <= most:
@@ -225,7 +221,7 @@ class _Codes(Baseline):
         self.networks = []
         self.least_px = LEAST_MODULE_PX * (modules + 2 * border)
         self.least_because = (
-            f"{modules} modules and {border} white at each side, {LEAST_MODULE_PX} px for each at the least"
+            f"{modules} modules and {border} white at each side, at least {LEAST_MODULE_PX} px for each"
         )
 
     def _choose(self, black: np.ndarray, about: dict[str, Any]) -> Choice:
@@ -238,8 +234,8 @@ class _Codes(Baseline):
 class QrCodes(_Codes):
     """A QR code of each class's index in digits, in the smallest version that holds those of all classes.
 
-    Version 1 holds the digits of 17 figures even at level H, which mends about 30 % of the code, in the same 21 modules
-    as the paper's level M with its 15 %: the stronger code is free.
+    Version 1 holds 17 digits even at level H, which mends about 30 % of the code. It has the same 21 modules as the
+    paper's level M, which mends 15 %.
     """
 
     method = "QR code of the class's index"
@@ -260,7 +256,7 @@ class QrCodes(_Codes):
 
 
 class AprilTags(_Codes):
-    """The AprilTag whose id is the class's index, of family 36h11 where that has enough tags, else of 36h10."""
+    """The AprilTag whose id is the class's index, of family 36h11 if that has enough tags, else of 36h10."""
 
     method = "AprilTag of the class's index"
 
@@ -284,6 +280,6 @@ class AprilTags(_Codes):
 def _draw_qr(index: int) -> np.ndarray:
     import segno
 
-    # not raised beyond the level that the record says
+    # not above the level in the record
     code = segno.make_qr(str(index), error=ERROR_CORRECTION, boost_error=False)
     return np.array(code.matrix, bool)

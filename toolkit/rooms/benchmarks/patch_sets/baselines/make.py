@@ -1,7 +1,8 @@
-"""Make the patch sets of a baseline, class by class: what is finished is kept, what is missing is made."""
+"""Make the patch sets of a baseline, class by class; finished pictures are kept."""
 
 from collections import defaultdict
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import islice
@@ -20,19 +21,13 @@ from toolkit.core.files import read_json
 from toolkit.core.threads import map_ahead
 from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation.summaries import list_reasons
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier
 from toolkit.models.predict import predict
 from toolkit.objects.records import NetworkRecord, PatchRecord, read_patch, write_patch
 from toolkit.rooms.benchmarks.patch_sets import name_class
-from toolkit.rooms.benchmarks.patch_sets.baselines import (
-    APRILTAG,
-    BEST_IMAGE,
-    FIXED_PATTERN,
-    QR,
-    WORD,
-    BaselineConfig,
-)
+from toolkit.rooms.benchmarks.patch_sets.baselines import APRILTAG, BEST_IMAGE, FIXED_PATTERN, QR, WORD, BaselineConfig
 from toolkit.rooms.benchmarks.patch_sets.baselines.drawn import (
     PAPER_BORDER,
     Advance,
@@ -60,42 +55,35 @@ class _Photos(Baseline):
             self.by_class[image.class_index].append(image)
 
     def list_inputs(self, index: int) -> list[str]:
-        """Which images the class has."""
+        """Names of the images of the class."""
         return [image.id for image in self.by_class[index]]
 
     def is_current(self, record: PatchRecord) -> bool:
-        """Whether the chosen image is as it was; the others, which may be millions, are not read again."""
+        """Whether the chosen image is unchanged; the others, which may be millions, are not read again."""
         chosen = LabelledImage(str(record.data.get("image")), record.class_index)
-        try:
-            return chosen in self.by_class[chosen.class_index] and (
-                self.images.hash_image(chosen.id) == record.data.get("image_sha256")
-            )
-        except OSError:
-            return False  # a file that may not be read is met again, and listed, when the class is done anew
+        with suppress(OSError):  # an unreadable file is listed when the class is made again
+            is_there = chosen in self.by_class[chosen.class_index]
+            return is_there and self.images.hash_image(chosen.id) == record.data.get("image_sha256")
+        return False
 
     def _choose(self, image: LabelledImage | None, index: int, skipped: Skipped, **figures: Any) -> Choice:
         if image is None:
             return Choice(None, passed_over=tuple(skipped))
+        # source and figures of the choice for the record
         data = {
-            "source": self.images.name,
-            "image": image.id,
-            "image_sha256": self.images.hash_image(image.id),
-            "found": len(self.by_class[index]),
-        }
-        passed_over = [{"path": path, "reason": reason} for path, reason in skipped]
-        compared = {key: figures[key] for key in figures if key != "loss"}
-        return Choice(
-            partial(self._draw, image),
-            data=data | compared | {"passed_over": passed_over},
-            final={"loss": figures["loss"]} if "loss" in figures else {},
-            passed_over=tuple(skipped),
-        )
+            "source": self.images.name, "image": image.id, "image_sha256": self.images.hash_image(image.id),
+            "found": len(self.by_class[index]), **{key: figures[key] for key in figures if key != "loss"},
+            "passed_over": list_reasons(skipped),
+        }  # fmt: skip
+        final = {"loss": figures["loss"]} if "loss" in figures else {}
+        return Choice(partial(self._draw, image), data=data, final=final, passed_over=tuple(skipped))
 
     def _draw(self, image: LabelledImage, size_px: int) -> np.ndarray:
         picture = Image.fromarray(self.images.read_pixels(image.id, size_px))
         side = min(picture.size)
         left, top = (picture.width - side) / 2, (picture.height - side) / 2
         filter_name = self.classifier.preprocessing.filter_name  # Pillow's are antialiased
+        # the middle square
         square = (left, top, left + side, top + side)
         return np.asarray(picture.resize((size_px, size_px), Image.Resampling[filter_name], box=square))
 
@@ -110,15 +98,11 @@ class BestImages(_Photos):
         self.networks = [record_network(classifier)]
 
     def count_work(self, index: int) -> int:
-        """All images of the class are looked at."""
+        """All images of the class are compared."""
         return len(self.by_class[index])
 
     def choose(self, index: int, advance: Advance) -> Choice:
-        """The best of a class; of several equally good images the first by name.
-
-        Raises:
-            ToolkitError: the network's output is not finite.
-        """
+        """Return the best image of a class, the first by name of equals; output that is not finite is an error."""
         best, least, compared = None, np.inf, 0
         skipped: Skipped = []
         for images, pixels in self._read(self.by_class[index], skipped, advance):
@@ -132,7 +116,7 @@ class BestImages(_Photos):
     def _read(
         self, images: list[LabelledImage], skipped: Skipped, advance: Advance
     ) -> Iterator[tuple[list[LabelledImage], np.ndarray]]:
-        """One batch after the other, so that memory does not grow with the class; decoded in threads."""
+        """Decode batches in threads, so that memory does not grow with the class."""
 
         def load(image: LabelledImage) -> np.ndarray | str:
             try:
@@ -159,10 +143,10 @@ class RandomImages(_Photos):
         self.seed = seed
 
     def choose(self, index: int, advance: Advance) -> Choice:
-        """One of a class."""
+        """Return an image of a class."""
         images, skipped = self.by_class[index], Skipped()
         chosen = None
-        # an order of all, so that the next image takes the place of an image that cannot be read
+        # an order of all, so that the next image takes the place of an unreadable image
         for k in Draws(self.seed, index, "random image").of("order").permutation(len(images)):
             try:
                 self.images.load(images[k], self.classifier.preprocessing)
@@ -176,15 +160,7 @@ class RandomImages(_Photos):
 
 
 def measure_losses(classifier: Classifier, pixels: np.ndarray, index: int) -> np.ndarray:
-    """Cross-entropy of each image with class `index`, natural logarithm.
-
-    Args:
-        classifier: the network.
-        pixels: (b, crop, crop, 3) uint8 sRGB, as the network is shown them.
-        index: of the class that they show.
-
-    Returns:
-        (b,) float64.
+    """(b,) float64 cross-entropy of images (b, crop, crop, 3) uint8 sRGB with class `index`, natural logarithm.
 
     Raises:
         ToolkitError: the network's output is not finite.
@@ -198,15 +174,7 @@ def measure_losses(classifier: Classifier, pixels: np.ndarray, index: int) -> np
 
 @dataclass(frozen=True)
 class MadeSet:
-    """One patch set.
-
-    Attributes:
-        name: of the set.
-        folder: where it lies.
-        size_px: side of its pictures.
-        made: pictures that this run wrote.
-        found: pictures that were there, made from the same inputs.
-    """
+    """A patch set with numbers of new pictures, and of pictures found from the same inputs."""
 
     name: str
     folder: Path
@@ -217,7 +185,7 @@ class MadeSet:
 
 @dataclass(frozen=True)
 class MadeBaseline:
-    """What a run made, and (path, reason) of what could not be used: images, and classes without a usable image."""
+    """Sets of a run, and (path, reason) of unusable images, and of classes without usable images."""
 
     sets: tuple[MadeSet, ...]
     skipped: tuple[tuple[str, str], ...]
@@ -225,10 +193,10 @@ class MadeBaseline:
     def as_json(self) -> dict[str, Any]:
         """All of it for a script."""
         sets = [asdict(patch_set) | {"folder": str(patch_set.folder)} for patch_set in self.sets]
-        return {"sets": sets, "skipped": [{"path": path, "reason": reason} for path, reason in self.skipped]}
+        return {"sets": sets, "skipped": list_reasons(self.skipped)}
 
     def lines(self) -> Iterator[str]:
-        """What each set got."""
+        """A line for each set."""
         for made in self.sets:
             if made.made:
                 pictures = f"{made.made} {'picture' if made.made == 1 else 'pictures'} of {made.size_px} px"
@@ -247,7 +215,7 @@ class _Place:
 
 
 def prepare_baseline(config: BaselineConfig, images: ImageSet | None, classifier: Classifier) -> Baseline:
-    """What makes the pictures."""
+    """Return the baseline of a kind."""
     classes, border = len(classifier.labels), PAPER_BORDER if config.border is None else config.border
     if config.kind == QR:
         return QrCodes(classes, border)
@@ -266,15 +234,13 @@ def prepare_baseline(config: BaselineConfig, images: ImageSet | None, classifier
 def make_baseline(config: BaselineConfig, classifier: Classifier, workspace: Workspace) -> MadeBaseline:
     """Write `print/patches/NAME-SIZE/` for each size; a class's pictures are whole or absent.
 
-    Args:
-        config: what to make.
-        classifier: whose classes they are, and whose losses `best-image` compares.
-        workspace: where the sets go.
+    The classes, and the losses of `best-image`, are those of the classifier.
 
     Raises:
-        ToolkitError: an unknown class or a class without images, a size that does not suit, a set that is there and was
-            made another way, or the disk is full.
+        ToolkitError: an unknown class or a class without images, an unsuitable size, a set that was made in another
+            way, or the disk is full.
     """
+    # the classes, by the data or by name
     images = None if config.data is None else open_images(config.data, classifier, split="train")
     if images is None:
         named = config.class_names or range(len(classifier.labels))
@@ -301,7 +267,7 @@ def make_baseline(config: BaselineConfig, classifier: Classifier, workspace: Wor
 def _make_pictures(
     baseline: Baseline, labels: list[str], classes: list[int], places: list[_Place], bar: Ticker
 ) -> tuple[list[tuple[_Place, bool]], list[tuple[str, str]]]:
-    """(place, whether this run wrote it) of each picture that is there in the end, and what could not be used."""
+    """(place, whether this run wrote it) of each finished picture, and (path, reason) of failures."""
     made: list[tuple[_Place, bool]] = []
     skipped: list[tuple[str, str]] = []
     for index in classes:
@@ -311,7 +277,7 @@ def _make_pictures(
         finished = {place: _find_finished(place, name, key, baseline) for place in places}
         records = [record for record in finished.values() if record is not None]
         made += [(place, False) for place, record in finished.items() if record is not None]
-        # nothing is chosen anew; what a run before passed over is still said
+        # finished: images that an earlier run passed over are reported again
         if len(records) == len(places):
             skipped += [(skip["path"], skip["reason"]) for skip in records[0].data.get("passed_over", [])]
             bar.advance(baseline.count_work(index))
@@ -344,17 +310,17 @@ def _choose_place(
 
 
 def _check_same_way(place: _Place, baseline: Baseline) -> None:
-    """A set that holds pictures of another kind, or of another seed, is neither overwritten nor mixed."""
+    """Refuse to overwrite or mix a set with pictures of another kind or seed."""
     for file in sorted(place.folder.glob("*.json")):
         try:
             record = read_json(file, PatchRecord)
         except ToolkitError:
-            continue  # it is written anew, or the set's reader names it
-        # what is the picture's own is left out: the rest is what a set has in common
+            continue  # it is written again, or the set's reader names it
+        # without the settings of a single picture
         settings = {key: value for key, value in record.settings.items() if key not in ("code", INPUTS)}
         there = settings | {"seed": record.seed, "network": _name_weights(record.networks)}
         wanted = _describe_way(baseline)
-        # the method first: where it differs, what else does follows from it
+        # the method first, as other differences follow from it
         for key in sorted(there | wanted, key=lambda key: key != "method"):
             if there.get(key) != wanted.get(key):
                 raise FieldError(
@@ -384,18 +350,8 @@ def _find_finished(place: _Place, name: str, key: str, baseline: Baseline) -> Pa
 def _write(place: _Place, name: str, key: str, baseline: Baseline, choice: Choice, label: str, index: int) -> None:
     assert choice.draw is not None, "asked before"
     code = {} if choice.code is None else {"code": choice.code(place.size_px)}
-    write_patch(
-        place.folder,
-        choice.draw(place.size_px),
-        {
-            "name": name,
-            "class_name": label,
-            "class_index": index,
-            "networks": baseline.networks,
-            "data": choice.data,
-            "seed": baseline.seed,
-            "settings": {"method": baseline.method, **baseline.settings, **code, INPUTS: key},
-            "final": choice.final,
-            "toolkit_version": __version__,
-        },
-    )
+    write_patch(place.folder, choice.draw(place.size_px), {
+        "name": name, "class_name": label, "class_index": index, "networks": baseline.networks, "data": choice.data,
+        "seed": baseline.seed, "settings": {"method": baseline.method, **baseline.settings, **code, INPUTS: key},
+        "final": choice.final, "toolkit_version": __version__,
+    })  # fmt: skip
