@@ -75,7 +75,7 @@ def _put_on(item: TableObject, booster: Patch | Texture | None) -> AppliedBooste
     named = booster.pixels, booster.record.png_sha256, booster.record.name
     if isinstance(booster, Texture):
         return TextureBooster(*named, texture=booster)
-    return PatchBooster(*named, item.spec.sizes_mm(booster.size_mm))
+    return PatchBooster(*named, item.spec.sizes_mm(booster.size_mm), margin=booster.record.margin)
 
 
 CHEQUERED = np.where(np.indices((8, 8)).sum(0)[..., None] % 2, [40, 90, 200], [250, 250, 250]).astype(np.uint8)

@@ -113,7 +113,8 @@ def _report_patches(
         say("note: no room for the colour strip beside the patch: 'toolkit print --colour-strip' prints it on its own")
     if printed:
         tiled = any(sheet.pages > 1 and sheet.tiles != (1, 1) for sheet in printed)
-        cut = "cut at the corner marks and tape the patch on as its arrow says"
+        tape = "tape" if all(sheet.margin == "white" for sheet in printed) else "stick (with clear tape)"
+        cut = f"cut at the corner marks and {tape} the patch on as its arrow says"
         say(f"next: {', '.join([AT_TRUE_SIZE, *([JOIN] if tiled else []), cut])}")
 
 

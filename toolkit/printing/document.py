@@ -1,5 +1,6 @@
 """A patch to the bytes of a print-ready PDF, and which objects it is stuck on at which size."""
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,8 +11,8 @@ import numpy as np
 from reportlab.pdfbase.pdfdoc import PDFResourceDictionary
 
 from toolkit.core.errors import FieldError
-from toolkit.objects.records import Patch, PatchRecord, printed_size_mm
-from toolkit.objects.spec import BASE_DPI, MM_PER_INCH, SCALE, Side
+from toolkit.objects.records import Patch, PatchRecord, mirror, printed_size_mm
+from toolkit.objects.spec import BASE_DPI, MM_PER_INCH, SCALE, Margin, Side
 from toolkit.printing import PrintSettings
 from toolkit.printing.canvas import Pdf
 from toolkit.printing.marks import (
@@ -100,14 +101,15 @@ def effective_percent(n_px: int, side_mm: float, dpi: float) -> float:
 
 @dataclass(frozen=True)
 class PrintPlan(PagePlan):
-    """Every page of a patch's file: the patch's side, and the white paper round it."""
+    """Every page of a patch's file: the patch's side, and the paper round it."""
 
     side_mm: float
     margin_mm: float
+    margin: Margin
 
     @property
     def cut_mm(self) -> float:
-        """Side of the sheet that is cut out: patch and white margin."""
+        """Side of the sheet that is cut out: patch and margin."""
         return self.side_mm + 2 * self.margin_mm
 
     @property
@@ -116,7 +118,7 @@ class PrintPlan(PagePlan):
         return any(isinstance(page, CopiesPage) and page.strip is not None for page in self.pages)
 
 
-def plan_pages(side_mm: float, settings: PrintSettings) -> PrintPlan:
+def plan_pages(side_mm: float, settings: PrintSettings, margin: Margin = "white") -> PrintPlan:
     """Lay out a patch of that side, with the colour strip beside it where that takes no further page.
 
     Raises:
@@ -125,7 +127,7 @@ def plan_pages(side_mm: float, settings: PrintSettings) -> PrintPlan:
     cut_mm = side_mm + 2 * settings.margin_mm
     plan = plan_sheet(settings.paper, settings.orientation, cut_mm, cut_mm, settings.copies)
     pages = _add_strip(plan.frame.content, cut_mm, settings.copies, plan.pages)
-    return PrintPlan(plan.frame, pages, side_mm, settings.margin_mm)
+    return PrintPlan(plan.frame, pages, side_mm, settings.margin_mm, settings.margin or margin)
 
 
 def _add_strip(content: Rect, cut_mm: float, copies: int, pages: tuple[Page, ...]) -> tuple[Page, ...]:
@@ -228,7 +230,7 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
     states = settings.states_size
     settled = [settings if states or size is None else settings.with_overrides(size_mm=size) for size in sizes]
     sides_mm = [measure_side_mm(record.n_px, settings) for settings in settled]
-    plans = [plan_pages(side_mm, settings) for side_mm, settings in zip(sides_mm, settled, strict=True)]
+    plans = [plan_pages(side_mm, each, record.margin) for side_mm, each in zip(sides_mm, settled, strict=True)]
     labels = [compose_label(record, side_mm, settings) for side_mm, settings in zip(sides_mm, settled, strict=True)]
     keywords = {
         "class": record.class_name, "size_mm": "+".join(f"{side_mm:.3f}" for side_mm in sides_mm), "n_px": record.n_px,
@@ -237,12 +239,15 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
     title = f"{record.class_name} patch, {say_sizes(sides_mm)}"
     subject = f"{labels[0].title}: {' and '.join(label.size for label in labels)}"
     pdf = Pdf(plans[0].frame.paper, title, subject, keywords)
-    define_patch(pdf, patch.pixels)
+    # one picture for all sheets, with as many mirrored texels as the widest margin shows
+    bleed_px = max(math.ceil(plan.margin_mm / plan.side_mm * record.n_px) for plan in plans)
+    shown = mirror(record.n_px, bleed_px if plans[0].margin == "bleed" else 0)
+    define_patch(pdf, patch.pixels[shown][:, shown])
     number, total = 0, sum(len(plan.pages) for plan in plans)
     for index, (plan, label) in enumerate(zip(plans, labels, strict=True)):
         name = record.name if wearer is None else wearer.name_sheet(index)
         side: Side = "top" if wearer is None else wearer.sides[index]
-        sheet = _describe_sheet(pdf, plan, record.n_px, label, name, side)
+        sheet = _describe_sheet(pdf, plan, record.n_px, len(shown), label, name, side)
         which = f"sheet {index + 1} of {len(plans)}, " if len(plans) > 1 else ""
         for page in plan.pages:
             number += 1
@@ -251,12 +256,21 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
     return PrintedDocument(pdf.finish(), tuple(plans))
 
 
-def _describe_sheet(pdf: Pdf, plan: PrintPlan, n_px: int, label: PatchLabel, name: str, at: Side) -> SheetDrawing:
-    """The patch with its white margin and the words in it."""
+def _describe_sheet(
+    pdf: Pdf, plan: PrintPlan, n_px: int, shown_px: int, label: PatchLabel, name: str, at: Side
+) -> SheetDrawing:
+    """The patch with its margin, and the words in it; `shown_px` texels are stored, those of the margin with them."""
 
     def draw(x: float, y: float) -> None:
-        place_patch(pdf, x + plan.margin_mm, y + plan.margin_mm, plan.side_mm, n_px)
-        draw_margin_words(pdf, Rect(x, y, plan.cut_mm, plan.cut_mm), plan.margin_mm, name, at)
+        cut, shown_mm = Rect(x, y, plan.cut_mm, plan.cut_mm), plan.side_mm * shown_px / n_px
+        if plan.margin == "bleed":
+            with pdf.clipped([[(x, y), (cut.right, y), (cut.right, cut.top), (x, cut.top)]]):
+                around = cut.centre(shown_mm, shown_mm)
+                place_patch(pdf, around.x, around.y, shown_mm, shown_px)
+        else:
+            place_patch(pdf, x + plan.margin_mm, y + plan.margin_mm, shown_mm, shown_px)
+        # a printed margin has no room for words: they stand below the cut line
+        draw_margin_words(pdf, cut, 0 if plan.margin == "bleed" else plan.margin_mm, name, at)
 
     def note(area: Rect, tile: str) -> None:
         draw_front_arrow(pdf, area, tile, at)

@@ -233,7 +233,7 @@ def print_wrap(
 
 
 def _refuse_sizes(settings: PrintSettings) -> None:
-    for field in ("scale_percent", "dpi", "size_mm", "copies", "margin_mm"):
+    for field in ("scale_percent", "dpi", "size_mm", "copies", "margin_mm", "margin"):
         if getattr(settings, field) != getattr(PrintSettings(), field):
             raise FieldError("goes with patches: a wrap has the size of its object", {field: getattr(settings, field)})
 

@@ -11,6 +11,7 @@ import numpy as np
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
+from toolkit.objects.spec import Margin
 from toolkit.objects.wrap import Wrap
 from toolkit.rig.mount import MountedSheet
 
@@ -33,6 +34,7 @@ class AppliedBooster(ABC):
         sizes_mm: side of each sheet of paper, in the order of the object's mounts; empty if it is on no sheets.
         alone: lies flat on the table, and the object is not there.
         wrap: whose pieces are stuck on; None if there are no pieces.
+        margin: what is on the paper around the patch on each sheet.
     """
 
     pixels: np.ndarray
@@ -41,6 +43,7 @@ class AppliedBooster(ABC):
     sizes_mm: tuple[float, ...] = ()
     alone: bool = False
     wrap: Wrap | None = None
+    margin: Margin = "white"
 
     @abstractmethod
     def apply(self, item: TableObject) -> Mesh:
