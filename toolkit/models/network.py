@@ -111,6 +111,7 @@ class Classifier:
         trained_on: in a few words, where its record says.
         untrainable: why no gradient leads back to the image, so that nothing can be trained against it; else empty.
         notes: what a reader of its results must know, a sentence each.
+        turns: training steps of a round that use it, if several networks train by turns.
     """
 
     arch: str
@@ -124,6 +125,7 @@ class Classifier:
     trained_on: str = ""
     untrainable: str = ""
     notes: tuple[str, ...] = ()
+    turns: int = 1
 
     def __post_init__(self) -> None:
         if not self.name:

@@ -112,6 +112,7 @@ class LinearView:
         lod: (k,) float32 base-2 logarithm of the texture's texels per pixel there.
         gain: (k, 3) float32 light that white texels bring to the pixel.
         depth: of what is seen, where it was asked for.
+        bare: (h, w, 3) float16 light of the object without a booster, where it was asked for.
     """
 
     behind: np.ndarray
@@ -122,6 +123,7 @@ class LinearView:
     lod: np.ndarray
     gain: np.ndarray
     depth: DepthBuffer | None = None
+    bare: np.ndarray | None = None
 
     @property
     def share(self) -> np.ndarray:
@@ -132,7 +134,7 @@ class LinearView:
     @property
     def sha256(self) -> str:
         """Hash of all buffers of light."""
-        arrays = (array for name, array in vars(self).items() if name != "depth")
+        arrays = (array for name, array in vars(self).items() if name not in ("depth", "bare"))
         return sha256_bytes("".join(sha256_bytes(array.tobytes()) for array in arrays).encode())
 
     def packed(self) -> "LinearView":

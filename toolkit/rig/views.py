@@ -250,18 +250,16 @@ class RenderedView:
         subject: number of the object that it shows.
         view: what is seen, linear in the colours of the object's texture.
         bare: (s, s, 3) uint8 sRGB, the object in its own paint, where that was asked for.
-        bare_light: (s, s, 3) float16 the same in linear light, where depth was asked for as well.
     """
 
     subject: int
     view: LinearView
     bare: np.ndarray | None
-    bare_light: np.ndarray | None = None
 
 
 def render_block(
     subjects: tuple[PaintableObject, ...], settings: ViewSettings, seed: int, kind: str, block: int, *,
-    setting: Setting = IN_STUDIO, with_depth: bool = False, threads: int | None = 1,
+    setting: Setting = IN_STUDIO, with_depth: bool = False, with_bare: bool = False, threads: int | None = 1,
 ) -> list[RenderedView]:  # fmt: skip
     """The views of one block; those held out with the object's own paint beside them.
 
@@ -273,13 +271,14 @@ def render_block(
         block: its number.
         setting: where views are taken.
         with_depth: whether views shall have their depth, for weather.
+        with_bare: whether views that are trained on have the light of the object in its own paint beside them too.
         threads: see `map_ahead`; one where blocks are what is spread over the cores.
     """
     draws = Draws(seed, block, kind)
     subject = subjects[block % len(subjects)].for_block(draws)
     shown = ViewBlock(subject.mesh, settings, draws, setting)
-    # only what is held out is judged against the bare object, and a second renderer is half of the work
-    own_paint = shown.place(subject.bare) if kind == HELD_OUT else None
+    # a second renderer is half of the work
+    own_paint = shown.place(subject.bare) if with_bare or kind == HELD_OUT else None
     texture = subject.mesh.materials[subject.material].texture
 
     def render(number: int) -> RenderedView:
@@ -291,8 +290,9 @@ def render_block(
             return RenderedView(block % len(subjects), view, None)
         light = own_paint.render(camera, pose)
         # weather acts on light, so the light is kept; half precision, as in `LinearView.packed`
-        kept_light = light.astype(np.float16) if with_depth else None
-        return RenderedView(block % len(subjects), view, shown.develop(light, number), kept_light)
+        if with_depth or with_bare:
+            view = replace(view, bare=light.astype(np.float16))
+        return RenderedView(block % len(subjects), view, shown.develop(light, number))
 
     return list(map_ahead(render, range(settings.per_studio), threads))
 

@@ -176,7 +176,7 @@ def transfer(
     from toolkit.rooms.benchmarks.transfer.leave_one_out import HEADS, leave_one_out, tabulate
 
     space = open_workspace(workspace)
-    networks = load_networks(model, weights, device, space.classifiers_dir, may_mix=True)
+    networks = load_networks(model, weights, device, space.classifiers_dir, with_sets=False)
     typed = dict(zip(model or (), (network.name for network in networks), strict=False))
     config = config.with_overrides({"left_out": tuple(typed.get(name, name) for name in config.left_out)})
     result = leave_one_out(space, config, networks)
