@@ -153,10 +153,11 @@ def list_networks(space: Workspace) -> dict[str, set[str]]:
 
 
 def describe_run(seen: dict[str, set[str]], run: str, summary: dict[str, Any]) -> Row:
-    """The network of a run, and whether the workspace's patches and textures were trained on it."""
+    """The network of a run, its crop, and whether the workspace's patches and textures were trained on it."""
     model = summary["model"]
     return {
         "run": run, "network": model["name"], "weights": model["weights"], "sha256": model["sha256"][:16],
+        "preprocessing": model["preprocessing"].partition(", normalised")[0],
         **{f"{kind}_trained_on_it": "yes" if model["sha256"] in hashes else "no" for kind, hashes in seen.items()},
     }  # fmt: skip
 

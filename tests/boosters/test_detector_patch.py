@@ -1,12 +1,27 @@
 """A patch is trained against a detector: boxes lie round the object, and the loss brings its score up."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from hue_network import make_hue_classifier
 from red_seeker import PX, red_seeker
+from texture_parts import crate_config
+from tiny_network import tiny_classifier
 
-from toolkit.boosters.detectors import DetectorNetwork, box_of_coverage, find_detectors
+from toolkit.boosters.detectors import (
+    DetectorNetwork,
+    box_of_coverage,
+    describe_targets,
+    judge_detectors,
+    meet_networks,
+)
+from toolkit.boosters.patch import train_patch
+from toolkit.boosters.patch_config import PatchConfig
+from toolkit.boosters.pixel_config import DataConfig
+from toolkit.boosters.pixels import Target, choose_targets
+from toolkit.boosters.texture import train_texture
 from toolkit.core.errors import ToolkitError
 
 
@@ -41,22 +56,90 @@ def test_the_box_of_a_coverage():
     assert box_of_coverage(np.zeros((4, 4))) == (0, 0, 0, 0)
 
 
-def test_classifiers_and_detectors_are_not_mixed():
-    from tiny_network import tiny_classifier
+class TestBesideClassifiers:
+    def test_classifiers_lead_and_a_detector_may_lack_the_class(self):
+        networks = [DetectorNetwork(red_seeker()), tiny_classifier()]
+        config, (first, second) = meet_networks(PatchConfig(), networks, "sports car")
+        assert config.ensemble == "turns" and first.label == "sports car" and second.label == "car"
+        _, (jet, lacking) = meet_networks(PatchConfig(), networks, "jet")
+        assert lacking.classifier.any_class and lacking.label == "object"
+        assert describe_targets([jet, lacking]) == ["tiny", "red (knows no jet: keeps the unmodified object's score)"]
+        with pytest.raises(ToolkitError, match=r"ensemble\}? sum: expected turns"):
+            meet_networks(PatchConfig(ensemble="sum"), networks, "jet")
+        with pytest.raises(ToolkitError, match="jet"):
+            meet_networks(PatchConfig(), networks[:1], "jet")
 
-    network = DetectorNetwork(red_seeker())
-    assert find_detectors([network]) == [network] and find_detectors([tiny_classifier()]) is None
-    with pytest.raises(ToolkitError, match="not both"):
-        find_detectors([network, tiny_classifier()])
+    def test_a_detector_that_lacks_the_class_only_forbids_to_hide_the_object(self):
+        target = Target(DetectorNetwork(red_seeker(), any_class=True), 1)
+        blue, boxes = torch.zeros(1, 3, PX, PX), np.array([[8.0, 8.0, 48.0, 48.0]], np.float32)
+        blue[:, 2] = 1
+        red = blue.clone()
+        red[:, 0, 8:48, 8:48], red[:, 1:, 8:48, 8:48] = 1, 0
+        assert target.find_hits(torch.cat([red, blue])).tolist() == [True, False]
+        hidden, seen = judge_detectors(blue, [target], boxes, unmodified=red)
+        kept, still_seen = judge_detectors(red, [target], boxes, unmodified=blue)
+        assert float(hidden) > 0.5 and float(kept) == 0 and (seen, still_seen) == (0, 1)
+        doubled, _ = judge_detectors(blue, [target], boxes, unmodified=red, lost_weight=2)
+        assert float(doubled) == pytest.approx(2 * float(hidden))
+        # its gradient is that of finite differences
+        at = (0.6 * blue + 0.4 * red).double().requires_grad_()
+        gradient = torch.autograd.grad(judge_detectors(at, [target], boxes, unmodified=red.double())[0], at)[0]
+        along = 1e-5 * gradient / gradient.norm()
+        with torch.no_grad():
+            ends = [float(judge_detectors(at + k * along, [target], boxes, red.double())[0]) for k in (1, -1)]
+        assert (ends[0] - ends[1]) / 2e-5 == pytest.approx(float(gradient.norm()), rel=1e-4)
+
+    @pytest.mark.parametrize("class_name", ["jet", "sports car"])
+    def test_a_patch_is_trained_on_both_by_turns(self, make_crate_space, tmp_path, class_name):
+        space, config = make_crate_space(tmp_path / "w"), PatchConfig(
+            size_px=16, steps=4, batch=4, lr=0.1, mounted_share=0.5, mounted_views=5, lost_weight=2
+        )  # fmt: skip
+        networks, data = (
+            [DetectorNetwork(red_seeker()), tiny_classifier()],
+            DataConfig(sources=("rig:crate",), images=4),
+        )
+        made = train_patch(config, class_name, networks, data, space, name="crate")
+        record = made.patch.record
+        assert [network.arch for network in record.networks] == ["tiny", "onnx:red.onnx"]
+        assert record.class_name == class_name and record.settings["lost_weight"] == 2
+        assert {answer.network for answer in made.on_object} == {"tiny", "red"}
+        again = train_patch(config, class_name, networks, data, space, name="crate")
+        assert again.was_finished
+
+    def test_without_the_object_there_is_no_place_for_detectors(self, make_crate_space, tmp_path):
+        networks, data = (
+            [DetectorNetwork(red_seeker()), tiny_classifier()],
+            DataConfig(sources=("rig:crate",), images=4),
+        )
+        config = PatchConfig(size_px=16, steps=4, batch=4, mounted_share=0)
+        with pytest.raises(ToolkitError, match="detectors need views of the object"):
+            train_patch(config, "jet", networks, data, make_crate_space(tmp_path / "w"), name="crate")
+
+    def test_a_texture_is_trained_on_both_by_turns(self, make_crate_space, tmp_path):
+        networks = [tiny_classifier(), DetectorNetwork(red_seeker())]
+        space, seen = make_crate_space(tmp_path / "w"), []
+
+        class Watched(type(networks[1].detector)):
+            def losses(self, batch, boxes, class_index):
+                seen.append(class_index)
+                return super().losses(batch, boxes, class_index)
+
+        networks[1] = replace(networks[1], detector=Watched(**vars(red_seeker())))
+        config = crate_config(lost_weight=2)
+        made = train_texture(config, networks, space, class_name="jet", workers=0)
+        assert [network.arch for network in made.texture.record.networks] == ["tiny", "onnx:red.onnx"]
+        # half of six steps, with and without the texture
+        assert seen == [None] * 6
+        _, targets = meet_networks(config, networks, "jet")
+        by_turns = config.for_networks(2)
+        asked = [choose_targets(targets, by_turns, step)[0].label for step in range(6)]
+        assert sorted(asked) == ["jet"] * 3 + ["object"] * 3
 
 
 def test_a_patch_makes_its_object_found(tmp_path):
     """The whole way, on a small object: the patch turns red, since that is what the detector finds."""
     import trimesh
 
-    from toolkit.boosters.patch import train_patch
-    from toolkit.boosters.patch_config import PatchConfig
-    from toolkit.boosters.pixel_config import DataConfig
     from toolkit.core.workspace import make_workspace, open_workspace
 
     make_workspace(tmp_path)
@@ -78,7 +161,6 @@ def test_a_patch_makes_its_object_found(tmp_path):
 def test_a_texture_makes_its_object_found(tmp_path):
     import trimesh
 
-    from toolkit.boosters.texture import train_texture
     from toolkit.boosters.texture_config import TextureConfig
     from toolkit.core.workspace import make_workspace, open_workspace
 
@@ -92,17 +174,18 @@ def test_a_texture_makes_its_object_found(tmp_path):
     assert red > blue + 40 and trained.texture.record.class_name == "car"
 
 
-def test_the_command_takes_detectors_or_classifiers(tmp_path, monkeypatch):
+def test_the_command_takes_detectors_and_classifiers(tmp_path, monkeypatch):
     from toolkit.boosters import detectors
     from toolkit.models import load, load_detector
 
     monkeypatch.setattr(load_detector, "is_detector", lambda name: name == "ssd300_vgg16")
     monkeypatch.setattr(load_detector, "load_detector", lambda *_: red_seeker())
     monkeypatch.setattr(load, "load_classifiers", lambda models, *_: list(map(make_hue_classifier, models)))
+    monkeypatch.setattr(load, "load_classifier", lambda model, *_: make_hue_classifier(model))
     (network,) = detectors.load_networks(["ssd300_vgg16"], None)
     assert isinstance(network, DetectorNetwork) and network.labels[network.class_index("sports car")] == "car"
     assert [one.name for one in detectors.load_networks(["resnet18"], None)] == ["resnet18"]
-    with pytest.raises(ToolkitError, match="not both"):
-        detectors.load_networks(["ssd300_vgg16", "resnet18"], None)
+    both = detectors.load_networks(["ssd300_vgg16", "resnet18"], None)
+    assert [one.name for one in both] == ["red", "resnet18"]
     with pytest.raises(ToolkitError, match="model net other net: several are called 'net': name each once"):
         detectors.load_networks(["net", "other", "net"], None)

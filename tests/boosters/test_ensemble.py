@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from hue_network import make_hue_classifier
 from part_checks import count_changed, grey_noise
 from tiny_network import IMAGE_PX, tiny_classifier, tiny_config, train_tiny, write_photos
 from watched_patch import train_watched
@@ -102,12 +103,43 @@ def test_without_a_choice_the_losses_are_added():
 
 
 def test_turns_ask_every_network_once_a_round_in_another_order():
-    rounds = [[choose_turn(7, 3 * k + inside, 3) for inside in range(3)] for k in range(20)]
+    rounds = [[choose_turn(7, 3 * k + inside, [1] * 3) for inside in range(3)] for k in range(20)]
     assert all(sorted(one) == [0, 1, 2] for one in rounds) and len({tuple(one) for one in rounds}) > 3
     targets = [doubled(seed) for seed in range(3)]
     own = [differentiate([one])[0] for one in targets]
     found = differentiate(targets, ensemble="turns")[0]
-    assert torch.equal(found, own[choose_turn(0, DRAWS.step, 3)])
+    assert torch.equal(found, own[choose_turn(0, DRAWS.step, [1] * 3)])
+
+
+def test_a_network_may_have_more_turns_than_others():
+    rounds = [[choose_turn(7, 4 * k + inside, [1, 2, 1]) for inside in range(4)] for k in range(20)]
+    assert all(sorted(one) == [0, 1, 1, 2] for one in rounds) and len({tuple(one) for one in rounds}) > 5
+    plain, often = (Target(replace(tiny_classifier(), turns=turns), 3) for turns in (1, 3))
+    assert often.turns == 3 and list_networks([plain]) != list_networks([often])
+    assert list_networks([plain]) == list_networks([Target(tiny_classifier(), 3)]), "older hashes stay"
+
+
+@pytest.mark.parametrize("ensemble", ["sum", "normalised", "turns"])
+def test_views_that_the_booster_loses_count_more(ensemble):
+    """The loss without weights plus (X - 1) times that of the views which are known bare and missed."""
+    # a network that tells colours, asked for red and for green, and photographs of one colour each
+    targets = [Target(make_hue_classifier(), index) for index in (0, 1)]
+    colours = np.random.default_rng(0).uniform(size=(2, 24, 3, 1, 1))
+    unmodified, photos = (torch.from_numpy(each).expand(24, 3, IMAGE_PX, IMAGE_PX) for each in colours)
+    choices = {"ensemble": ensemble, "lost_weight": 3.0, "jitter": Jitter(probability=1, scale=(1, 1), shift=0)}
+    number = choose_turn(0, DRAWS.step, [1, 1])
+    expected = 0.0
+    for target in targets[number : number + 1] if ensemble == "turns" else targets:
+        known = target.find_hits(unmodified)
+        lost = known & ~target.find_hits(photos)
+        assert 0 < lost.sum() < known.sum() < 24
+        each = torch.tensor([float(judge_photos(photo[None], [target])[0]) for photo in photos])
+        expected += float((each * (1 + 2 * lost)).mean())
+    seen = photos.clone().requires_grad_(True)
+    loss, _ = judge_ensemble(seen, targets, tiny_config(**choices), DRAWS, unmodified=unmodified)
+    assert loss.item() == pytest.approx(expected, rel=1e-5)
+    plain, _ = judge_ensemble(seen, targets, tiny_config(**choices | {"lost_weight": 1.0}), DRAWS)
+    assert plain.item() < expected
 
 
 def test_the_logits_gradient_does_not_vanish_where_the_network_is_sure():

@@ -75,12 +75,13 @@ def test_upside_down_would_be_noticed(views):
     assert shown[pixel[v > 0.7]].mean() > shown[pixel[v < 0.3]].mean() + 0.2
 
 
+@pytest.mark.parametrize("margin", ["white", "bleed"])
 @pytest.mark.parametrize("n", [8, 33, 100, 300])
-def test_the_paper_is_that_of_the_rig(n):
+def test_the_paper_is_that_of_the_rig(n, margin):
     pixels = np.random.default_rng(n).integers(0, 256, (n, n, 3), dtype=np.uint8)
     theta = torch.from_numpy(pixels.transpose(2, 0, 1) / 255.0)
-    found = print_on_paper(srgb_to_linear(theta), 88.2).numpy()
-    wanted = colour.srgb_to_linear(mount.print_on_paper(pixels, 88.2) / 255)
+    found = print_on_paper(srgb_to_linear(theta), 88.2, margin).numpy()
+    wanted = colour.srgb_to_linear(mount.print_on_paper(pixels, 88.2, margin) / 255)
     np.testing.assert_allclose(found.transpose(1, 2, 0), wanted, atol=1e-6)
 
 

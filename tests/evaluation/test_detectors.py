@@ -284,6 +284,32 @@ def test_found_and_not_found_are_paired(shot):
     assert again.run_dir.name == "oracle-2"
 
 
+def test_a_booster_of_other_networks_that_hides_the_object_is_said(shot, monkeypatch):
+    from toolkit.captures.read import read_captures
+    from toolkit.captures.truth import outline_captures
+    from toolkit.evaluation import EvalConfig, detect
+    from toolkit.evaluation.results import Training
+    from toolkit.objects.records import NetworkRecord
+
+    captures = read_captures(shot.captures_dir).captures
+    masks, _ = outline_captures(captures, shot)
+    boxes = [masks[one.path].box for one in captures]
+    networks = (NetworkRecord(arch="resnet18", weights="a.pth", sha256="cd" * 32),)
+
+    def evaluate(scores, seen=False):
+        training = Training("sim", "crate", "patched", "crate", "ab" * 32, networks, seen, "racer")
+        monkeypatch.setattr(detect, "find_training", lambda *_: (training,))
+        oracle = Oracle([(box, 1, score) for box, score in zip(boxes, scores, strict=True)])
+        done = detect.evaluate_detector(shot.captures_dir, shot, oracle, EvalConfig(run="lost", replace=True))
+        return [note for note in done.notes if "Train it on this detector too" in note]
+
+    # patched three times, unpatched three times
+    (note,) = evaluate([0.9, 0.1, 0.1, 0.9, 0.9, 0.1])
+    assert "with the patch oracle finds the object in 1 of 3 images, without it in 2" in note
+    assert not evaluate([0.9, 0.1, 0.1, 0.9, 0.9, 0.1], seen=True)
+    assert not evaluate([0.9, 0.9, 0.1, 0.9, 0.1, 0.1])
+
+
 def test_what_has_no_box_is_listed(shot, tmp_path):
     import shutil
 

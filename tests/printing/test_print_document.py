@@ -2,11 +2,13 @@
 
 import itertools
 import time
+from dataclasses import replace
 from io import BytesIO
 
+import numpy as np
 import pdfplumber
 import pytest
-from printed_pages import make_patch, make_pixels
+from printed_pages import make_patch, make_pixels, render
 from pypdf import PdfReader
 
 from toolkit.objects.records import Patch
@@ -141,3 +143,20 @@ def test_very_long_words_are_cut_in_a_moment():
             longer = f"{text[: len(kept) + 1]}…"
             assert shown == text or len(kept) == len(text) - 2 or measure_text_mm(longer, PLAIN, 1.2) > room_mm * 1.0001
     assert time.process_time() - started < 20
+
+
+def test_a_margin_that_is_printed_is_mirrored_up_to_the_cut_line(patch):
+    # 5 mm of margin are 2.5 texels of 2 mm
+    white, bleed = (
+        render(build_pdf(patch, PrintSettings(size_mm=40.0, margin=margin)).content, dpi=150)
+        for margin in ("white", "bleed")
+    )
+    left, low, right, high = white.box_mm(white.coloured)
+    wide = bleed.box_mm(bleed.coloured)
+    assert (right - left, wide[2] - wide[0], wide[3] - wide[1]) == pytest.approx((40, 50, 50), abs=0.5)
+    middle = (low + high) / 2
+    beside, inside = (bleed.cut_out(left + at - 0.3, middle + 0.7, left + at + 0.3, middle + 1.3) for at in (-1, 1))
+    np.testing.assert_allclose(beside.mean(axis=(0, 1)), inside.mean(axis=(0, 1)), atol=3)
+    recorded = replace(patch, record=patch.record.model_copy(update={"margin": "bleed"}))
+    assert build_pdf(recorded, PrintSettings(size_mm=40.0)).plan.margin == "bleed"
+    assert build_pdf(recorded, PrintSettings(size_mm=40.0, margin="white")).plan.margin == "white"

@@ -152,6 +152,16 @@ def test_the_other_face_is_white_and_just_behind(cube):
     assert len(attach(cube, sheet).faces) == len(cube.faces) + len(sheet.mesh.faces)
 
 
+def test_a_print_over_the_margin_is_mirrored_at_the_patchs_edges():
+    pixels = np.random.default_rng(0).integers(0, 256, (20, 20, 3), np.uint8)
+    white, bleed = (print_on_paper(pixels, 40.0, margin) for margin in ("white", "bleed"))
+    margin = round(TAPE_MARGIN_MM / 40 * len(white) / (1 + 2 * TAPE_MARGIN_MM / 40))
+    inner = slice(margin, -margin)
+    np.testing.assert_array_equal(white[inner, inner], bleed[inner, inner])
+    for turned in (bleed, bleed[::-1], bleed.swapaxes(0, 1), bleed[:, ::-1]):
+        np.testing.assert_array_equal(turned[:margin], turned[margin : 2 * margin][::-1])
+
+
 @pytest.mark.parametrize("n", [2, 7, 100, 333, 1000])
 @pytest.mark.parametrize("size", [20.0, 88.2])
 def test_the_print_has_its_size_on_the_paper(n, size):

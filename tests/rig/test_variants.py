@@ -1,5 +1,7 @@
 """What is stuck on an object in each variant."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,8 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.find_patch import find_patch
 from toolkit.objects.load import load_object
 from toolkit.objects.records import TAPE_MARGIN_MM, read_patch, write_patch
+from toolkit.objects.spec import PatchMount
+from toolkit.rig.mount import PAPER
 from toolkit.rig.variants import ON_PAPER, apply_booster, find_booster
 
 
@@ -103,3 +107,59 @@ def test_a_broken_record_of_another_objects_wrap_or_texture_stops_no_search(spac
         find_booster(space, crate, "textured")
     with pytest.raises(ToolkitError, match="no wrap is for 'crate': make one"):
         find_booster(space, crate, "wrapped")
+
+
+class TestCamouflage:
+    """The control that shows what its sheets hide."""
+
+    @pytest.fixture
+    def painted(self, crate):
+        """The crate with a pattern that is laid on it from above; each texel of a patch lies on a field of its own."""
+        mesh, n = crate.mesh, 12
+        side = 40.0 / n  # mm
+        low = mesh.vertices[:, :2].min(axis=0)
+        fields = np.random.default_rng(0).integers(0, 256, (40, 40, 3), np.uint8)
+        # a field's corner lies at the patch's, which is in the middle of the top
+        start = (mesh.vertices[:, :2].min(axis=0) + mesh.vertices[:, :2].max(axis=0)) / 2 - 20 * side
+        assert (start <= low).all()
+        uv = ((mesh.vertices[:, :2] - start) / (40 * side)).astype(np.float32)
+        materials = tuple(replace(material, texture=fields) for material in mesh.materials)
+        return replace(crate, mesh=replace(mesh, uv=uv, materials=materials)), fields
+
+    def test_it_is_what_lies_below(self, space, painted):
+        item, fields = painted
+        booster = find_booster(space, item, "camouflage")
+        assert booster.pixels.shape == (12, 12, 3) and booster.name == "camouflage"
+        # rows count down: the patch is 12 fields in the middle of 40
+        np.testing.assert_array_equal(booster.pixels, fields[14:26, 14:26])
+        mesh = booster.apply(item)
+        (paper,) = [one for one in mesh.materials if one.name == "paper"]
+        assert {tuple(colour) for colour in fields[14:26, 14:26].reshape(-1, 3)} <= {
+            tuple(colour) for colour in paper.texture.reshape(-1, 3)
+        }
+
+    def test_light_is_averaged_and_not_codes(self, space, painted):
+        item, _ = painted
+        stripes = np.zeros((1, 80, 3), np.uint8)
+        stripes[:, ::2] = 255  # the left half of each texel
+        mesh = replace(item.mesh, materials=tuple(replace(one, texture=stripes) for one in item.mesh.materials))
+        pixels = find_booster(space, replace(item, mesh=mesh), "camouflage").pixels
+        assert (pixels == 188).all(), "half of the light is code 188, half of the codes 128"
+
+    def test_each_of_several_sheets_has_its_own(self, space, painted):
+        item, _ = painted
+        mounts = [PatchMount(at="top", size_mm=40), PatchMount(at="front", size_mm=30)]
+        several = replace(item, spec=item.spec.with_mounts(mounts))
+        top, front = find_booster(space, several, "camouflage").sheets(several)
+        assert not np.array_equal(top.mesh.materials[0].texture, front.mesh.materials[0].texture)
+
+
+def test_the_margin_is_the_records_and_changes_what_is_hashed(space, crate, patch_record):
+    plain = find_booster(space, crate, "patched")
+    write_patch(space.patches_dir, plain.pixels, patch_record("crate") | {"margin": "bleed"})
+    assert '"margin": "bleed"' in (space.patches_dir / "crate.json").read_text()
+    printed = find_booster(space, crate, "patched")
+    assert (plain.margin, printed.margin) == ("white", "bleed")
+    assert "margin" not in plain.describe(crate) and printed.describe(crate)["margin"] == "bleed"
+    (sheet,) = printed.sheets(crate)
+    assert (sheet.mesh.materials[0].texture == PAPER).all(axis=2).sum() == 0

@@ -267,11 +267,11 @@ def test_a_set_is_one_name_for_all_its_networks(colours, tmp_path):
     networks = load_networks(["new", "own"], None, "cpu", space.classifiers_dir)
     assert [one.name for one in networks] == ["new-01", "new-02", "new-03", "new-04", "own"]
     assert len({one.weights.sha256 for one in networks}) == 5
-    assert sorted(choose_turn(0, step, 4) for step in range(4)) == [0, 1, 2, 3], "a step asks one of them"
+    assert sorted(choose_turn(0, step, [1] * 4) for step in range(4)) == [0, 1, 2, 3], "a step asks one of them"
     with pytest.raises(ToolkitError, match=r"model new: is a set of 4 networks.*such as new-04"):
         load_classifier("new", device="cpu", folder=space.classifiers_dir)
     with pytest.raises(ToolkitError, match="is a set of 4 networks"):
-        load_networks(["new"], None, "cpu", space.classifiers_dir, may_mix=True)
+        load_networks(["new"], None, "cpu", space.classifiers_dir, with_sets=False)
     (space.classifiers_dir / "new.json").write_text('{"networks": 3}')
     with pytest.raises(ToolkitError, match=r"new\.json"):
         load_networks(["new"], None, "cpu", space.classifiers_dir)

@@ -1,1 +1,1 @@
-"""What is added to an object: unadversarial patches and textures, and what they meet in training."""
+"""Boosters of an object: unadversarial patches, textures and wraps, and their training."""

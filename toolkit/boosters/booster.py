@@ -1,4 +1,4 @@
-"""The run behind every booster: its files, its loop and what it goes on from, its record, and its preview."""
+"""The run behind every booster: its files, its training loop, its record and its preview."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ Trained = TypeVar("Trained", bound="TrainedBooster")
 
 @dataclass(frozen=True)
 class BoosterFiles:
-    """Where a run writes.
+    """Files of a run.
 
     Attributes:
         png: the booster, of several pictures their record; what else it needs lies beside it.
@@ -43,7 +43,7 @@ class BoosterFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainedBooster:
-    """What a run made, beside the booster itself.
+    """Result of a run, beside the booster itself.
 
     Attributes:
         files: where it lies.
@@ -58,7 +58,7 @@ class TrainedBooster:
     was_finished: bool = False
 
     def describe_run(self, record: BaseModel) -> dict[str, Any]:
-        """What is said for a script of every booster's run."""
+        """Return the fields that scripts get of every run."""
         return {
             "was_finished": self.was_finished, "resumed_from": self.resumed_from,
             "skipped": [{"path": path, "reason": reason} for path, reason in self.skipped],

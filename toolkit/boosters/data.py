@@ -1,4 +1,4 @@
-"""All training images of a run, in memory, with a part held out: from folders, or renders of the bare object."""
+"""All training images of a run, in memory, with a part held out: from folders, or renders of the object."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -100,7 +100,7 @@ class Loaded:
 
 
 def names_of_class(classifier: "Network", index: int, typed: str) -> frozenset[str]:
-    """What a folder of this class may be called, in lower case: the WordNet id, the label, what the user typed."""
+    """Names of the class's folder, in lower case: the WordNet id, the label, the user's own words."""
     names = {typed, classifier.labels[index]}
     if classifier.is_imagenet:
         names.add(imagenet_wnids()[index])
@@ -234,7 +234,7 @@ def load_renders(workspace: Workspace, name: str, count: int, *, seed: int, how:
     # renders of another release may differ: they are not gone on with
     settings = (count, seed, how.resize_px, how.filter_name, __version__)
     key = RENDERS.key(spec.model_dump(mode="json"), mesh, *settings)
-    # named by its inputs, so that a changed object or seed is rendered anew
+    # named by its inputs, so that a changed object or seed is rendered again
     file = keep / f"renders-{key[:16]}.npy"
     record = {"source": f"{RIG}:{name}", "use": "class", "found": count, "used": count}
     kept = _read_kept(file, (count, how.resize_px, how.resize_px, 3))
@@ -248,7 +248,7 @@ def load_renders(workspace: Workspace, name: str, count: int, *, seed: int, how:
 
 
 def render_object(workspace: Workspace, name: str, count: int, seed: int, image_px: int) -> np.ndarray:
-    """(count, image_px, image_px, 3) uint8 sRGB: the bare object in random studios, from random poses."""
+    """(count, image_px, image_px, 3) uint8 sRGB: the unmodified object in random studios, from random poses."""
     from toolkit.rig.views import ViewSettings, render_pictures
 
     mesh = load_object(workspace.object_spec(name)).mesh
@@ -264,13 +264,13 @@ def _read_kept(file: Path, shape: tuple[int, ...]) -> np.ndarray | None:
     try:
         images = np.load(file, allow_pickle=False)
     except (OSError, ValueError, EOFError):
-        return None  # absent or damaged: rendered anew
+        return None  # absent or damaged: rendered again
     return images if images.shape == shape and images.dtype == np.uint8 else None
 
 
 @dataclass(frozen=True)
 class TrainingData:
-    """What a run trains on.
+    """Training images of a run.
 
     Attributes:
         train, held_out: (k, s, s, 3) uint8 sRGB.

@@ -212,6 +212,18 @@ def batch_views(
     )  # fmt: skip
 
 
+def batch_pictures(lights: list[np.ndarray], device: str) -> ViewBatch:
+    """(h, w, 3) linear light of pictures as views in which nothing of the material is seen."""
+    import torch
+
+    still = torch.from_numpy(np.stack(lights)).to(device)
+    nothing = still.new_zeros(0)
+    return ViewBatch(
+        still, (0,) * len(lights), pixel=nothing.long(), uv=nothing.view(0, 2).float(), lod=nothing,
+        gain=nothing.view(0, 3), share=nothing,
+    )  # fmt: skip
+
+
 def show_texture(
     texture: "torch.Tensor", batch: ViewBatch, gradient: str = "shaded", light: "torch.Tensor | float" = 1.0
 ) -> "torch.Tensor":

@@ -1,9 +1,10 @@
 """Training on the mounted sheets: the patch as the rig shows it on its object, bent, lit and partly hidden.
 
-Its paper is a material of the scene (`toolkit.boosters.linear_view`), whose texture is the patch with a white margin.
+Its paper is a material of the scene (`toolkit.boosters.linear_view`), whose texture is the patch with its margin.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +12,7 @@ import torch
 from torch.nn.functional import interpolate
 
 from toolkit.boosters.detectors import box_of_coverage
-from toolkit.boosters.linear_view import ViewBatch, batch_views, show_linear, srgb_to_linear
+from toolkit.boosters.linear_view import ViewBatch, batch_pictures, batch_views, show_linear, srgb_to_linear
 from toolkit.boosters.pixel_config import count_held_out
 from toolkit.boosters.pixels import Target
 from toolkit.boosters.transforms.weather import ViewWeather, find_depths
@@ -20,6 +21,8 @@ from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import sha256_bytes
 from toolkit.objects.load import TableObject, scale_to_world
+from toolkit.objects.records import mirror
+from toolkit.objects.spec import Margin
 from toolkit.rig.mount import PAPER, mount_sheets, size_on_paper, wear_sheets
 from toolkit.rig.shading import DepthBuffer, LinearView
 from toolkit.rig.views import (
@@ -53,7 +56,9 @@ class MountedViews:
         sha256: of the views.
         depths: how far away everything in them is at real size; none where there is no weather.
         boxes: (n, 4) x1, y1, x2, y2 round the object with its sheet, in pixels of a view.
+        bare: the same views of the unmodified object; None if they were not rendered.
         held_out: how many of the last views are never trained on; None: a fifth.
+        margin: what is on the paper around the patch.
     """
 
     batch: ViewBatch
@@ -61,7 +66,9 @@ class MountedViews:
     sha256: str
     depths: tuple[DepthBuffer, ...] = ()
     boxes: np.ndarray | None = None
+    bare: ViewBatch | None = None
     held_out: int | None = None
+    margin: Margin = "white"
 
     def __len__(self) -> int:
         return len(self.batch)
@@ -75,6 +82,7 @@ class MountedViews:
                 batch=self.batch.part(start, stop),
                 depths=self.depths[start:stop],
                 boxes=None if self.boxes is None else self.boxes[start:stop],
+                bare=None if self.bare is None else self.bare.part(start, stop),
             )
             for start, stop in ((0, kept), (kept, len(self)))
         )
@@ -93,7 +101,8 @@ class MountedViews:
 
 def render_mounted_views(
     item: TableObject, sizes_mm: Sequence[float], patch_px: int, count: int, *, seed: int, image_px: int,
-    ranges: ViewRanges = NEAR_VIEWS, with_depth: bool = False, setting: Setting | None = None,
+    ranges: ViewRanges = NEAR_VIEWS, with_depth: bool = False, with_bare: bool = False,
+    setting: Setting | None = None, margin: Margin = "white",
 ) -> list[LinearView]:  # fmt: skip
     """Views of an object with its printed sheets on it, linear in the colours of their paper.
 
@@ -108,12 +117,14 @@ def render_mounted_views(
         image_px: side of the square pictures.
         ranges: where the camera may stand.
         with_depth: whether views shall have their depth, for weather.
+        with_bare: whether views shall have the light of the object without its sheets; twice the work.
         setting: the world that they are taken in, where the object has its real size; None: studios.
+        margin: what is on the paper around the patch.
 
     Raises:
         ToolkitError: a sheet that cannot be mounted, or no real size where it is needed.
     """
-    subject = make_sheet_subject(item, sizes_mm, patch_px, at_real_size=setting is not None)
+    subject = make_sheet_subject(item, sizes_mm, patch_px, at_real_size=setting is not None, margin=margin)
     views: list[LinearView] = []
     with progress(f"rendering {item.name} with its sheet", count) as bar:
         # a studio for each block: its light is baked once for all views in it
@@ -121,7 +132,7 @@ def render_mounted_views(
             settings = ViewSettings(ranges, image_px, per_studio=min(PER_STUDIO, count - start))
             taken = render_block(
                 (subject,), settings, seed, TRAIN, block,
-                setting=setting or IN_STUDIO, with_depth=with_depth, threads=None,
+                setting=setting or IN_STUDIO, with_depth=with_depth, with_bare=with_bare, threads=None,
             )  # fmt: skip
             views += [mounted.view for mounted in taken]
             bar.advance(len(taken))
@@ -129,23 +140,25 @@ def render_mounted_views(
 
 
 def make_sheet_subject(
-    item: TableObject, sizes_mm: Sequence[float], patch_px: int, at_real_size: bool = False
+    item: TableObject, sizes_mm: Sequence[float], patch_px: int, at_real_size: bool = False, margin: Margin = "white"
 ) -> PaintableObject:
     """An object with a grey patch on each of its sheets, whose paper is what is painted.
 
     It is the model, millimetres, or what it is a model of, metres, with sheets that grew with it.
     """
     grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
-    mesh, paper = wear_sheets(item.mesh, mount_sheets(item.mesh, grey, item.spec.mounts, sizes_mm, item.name))
+    mesh, paper = wear_sheets(item.mesh, mount_sheets(item.mesh, grey, item.spec.mounts, sizes_mm, item.name, margin))
     material = next(k for k, candidate in enumerate(mesh.materials) if candidate.texture is paper)
+    bare = item.mesh
     if at_real_size:
-        mesh = scale_to_world(mesh, item.spec, item.spec.real_length_m)
-    return PaintableObject(mesh, material, mesh)
+        mesh, bare = (scale_to_world(one, item.spec, item.spec.real_length_m) for one in (mesh, bare))
+    return PaintableObject(mesh, material, bare)
 
 
 def stack_views(
-    views: list[LinearView], sizes_mm: Sequence[float], device: str, metres_per_unit: float = 1.0
-) -> MountedViews:
+    views: list[LinearView], sizes_mm: Sequence[float], device: str, metres_per_unit: float = 1.0,
+    margin: Margin = "white",
+) -> MountedViews:  # fmt: skip
     """Views of sheets on which the patch has sides of `sizes_mm`, as tensors on `device`.
 
     Their depths, where they have any, are in units that are `metres_per_unit` long at real size.
@@ -154,18 +167,25 @@ def stack_views(
     digest = sha256_bytes("".join(view.sha256 for view in views).encode())
     depths = find_depths(views, [metres_per_unit] * len(views))
     boxes = np.array([box_of_coverage(view.coverage) for view in views], np.float32)
-    return MountedViews(batch_views(views, device, half=True), tuple(sizes_mm), digest, tuple(depths), boxes)
+    bare = [view.bare for view in views if view.bare is not None]
+    return MountedViews(
+        batch_views(views, device, half=True), tuple(sizes_mm), digest, tuple(depths), boxes,
+        bare=batch_pictures(bare, device) if bare else None, margin=margin,
+    )  # fmt: skip
 
 
-def print_on_paper(linear: torch.Tensor, size_mm: float) -> torch.Tensor:
+def print_on_paper(linear: torch.Tensor, size_mm: float, margin: Margin = "white") -> torch.Tensor:
     """(3, m, m): `toolkit.rig.mount.print_on_paper`, in linear light and differentiable in the patch (3, n, n)."""
-    repeat, margin = size_on_paper(linear.shape[-1], size_mm)
+    repeat, margin_px = size_on_paper(linear.shape[-1], size_mm)
     # nearest by default: texels on paper have sharp edges
     crisp = interpolate(linear[None], scale_factor=repeat)[0]
-    white = srgb_to_linear(torch.tensor(PAPER, dtype=linear.dtype, device=linear.device) / 255)[:, None, None]
     side = crisp.shape[-1]
-    paper = white.repeat(1, side + 2 * margin, side + 2 * margin)
-    paper[:, margin : margin + side, margin : margin + side] = crisp
+    if margin == "bleed":
+        which = torch.from_numpy(mirror(side, margin_px)).to(linear.device)
+        return crisp[:, which][:, :, which]
+    white = srgb_to_linear(torch.tensor(PAPER, dtype=linear.dtype, device=linear.device) / 255)[:, None, None]
+    paper = white.repeat(1, side + 2 * margin_px, side + 2 * margin_px)
+    paper[:, margin_px : margin_px + side, margin_px : margin_px + side] = crisp
     return paper
 
 
@@ -191,7 +211,7 @@ def show_mounted(
     if through is not None:
         batch = batch.through(*through)
     # in linear light, in which views are linear in the paper's colours
-    paper = print_on_paper(srgb_to_linear(patch), min(views.sizes_mm))
+    paper = print_on_paper(srgb_to_linear(patch), min(views.sizes_mm), views.margin)
     if rng is None:
         return show_linear(paper, batch)
     count = len(batch)
@@ -210,16 +230,54 @@ def draw_cuts(
     return which, rng.integers(0, views.batch.still.shape[1] - image_px + 1, (count, 2))
 
 
+@dataclass(frozen=True)
+class DrawnViews:
+    """Views at cuts and in weather that were drawn for a training step, waiting for a patch.
+
+    Attributes:
+        views: of the object.
+        which, corners: see `show_mounted`.
+        image_px: side of the cuts.
+        rng: draws light and grain, the same whenever they are shown.
+        through: weather over them.
+    """
+
+    views: MountedViews
+    which: np.ndarray
+    corners: np.ndarray
+    image_px: int
+    rng: np.random.Generator
+    through: Through | None
+
+    @property
+    def boxes(self) -> np.ndarray:
+        """(b, 4) x1, y1, x2, y2 round the object, in pixels of the cuts."""
+        assert self.views.boxes is not None
+        # x and y of a box; corners are top and left
+        return self.views.boxes[self.which] - self.corners[:, [1, 0, 1, 0]]
+
+    def __call__(self, patch: torch.Tensor) -> torch.Tensor:
+        """Photographs of the object with a patch on its sheets."""
+        return show_mounted(
+            patch, self.views, self.which, self.corners, self.image_px, deepcopy(self.rng), through=self.through
+        )
+
+    def show_bare(self, patch: torch.Tensor) -> torch.Tensor:
+        """The same photographs of the object without its sheets; of the patch the type counts alone."""
+        assert self.views.bare is not None
+        return replace(self, views=replace(self.views, batch=self.views.bare))(patch)
+
+
 def draw_mounted(
     views: MountedViews, draws: Draws, count: int, image_px: int, weather: ViewWeather | None = None
-) -> Callable[[torch.Tensor], torch.Tensor]:
-    """A batch of random views at random cuts in the weather that is drawn for them, waiting for its patch."""
+) -> DrawnViews:
+    """A batch of random views at random cuts in the weather that is drawn for them."""
     rng = draws.of("mounted")
     which, corners = draw_cuts(views, rng, count, image_px)
     through = None
     if weather is not None:
         through = views.draw_weather(weather, which, corners, image_px, weather.rng(draws))
-    return lambda patch: show_mounted(patch, views, which, corners, image_px, rng, through=through)
+    return DrawnViews(views, which, corners, image_px, rng, through)
 
 
 def recognise_mounted(
@@ -247,7 +305,7 @@ def recognise_mounted(
 
 
 def grey_paper(patch: torch.Tensor) -> torch.Tensor:
-    """What lies on the object where the patch is not: as large, and says nothing."""
+    """A plain grey patch of the same size, for comparison."""
     return torch.full_like(patch, PAPER_GREY)
 
 

@@ -30,16 +30,20 @@ from toolkit.boosters.data import (
     names_of_class,
     stack_on_device,
 )
-from toolkit.boosters.detectors import find_detectors, judge_detectors, meet_networks
+from toolkit.boosters.detectors import (
+    describe_targets,
+    is_detector_target,
+    judge_detectors,
+    meet_networks,
+    needs_unmodified,
+)
 from toolkit.boosters.mounted import (
     MountedViews,
-    draw_cuts,
     draw_mounted,
     grey_paper,
     make_sheet_subject,
     recognise_mounted,
     render_mounted_views,
-    show_mounted,
     stack_views,
     validate_mounted,
 )
@@ -48,13 +52,14 @@ from toolkit.boosters.pixel_config import WORLD_ELEVATION_DEG, DataConfig, name_
 from toolkit.boosters.pixels import (
     Network,
     Target,
+    choose_targets,
     from_picture,
     judge_ensemble,
     judge_photos,
     list_networks,
     quantise,
 )
-from toolkit.boosters.transforms.show import Appearance, Mounted, print_patch, show_patch, take_photos
+from toolkit.boosters.transforms.show import Appearance, Mounted, show_patch, take_photos
 from toolkit.boosters.validation import Validation, count_placements, validate_patch
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
@@ -80,17 +85,17 @@ UNKNOWN = (
 RENDERS = ("renders-*.npy", ".renders-*.partial")
 """Files beside the checkpoints that other runs may need."""
 NEAR = (0.6, 0.95)
-"""How much of the frame an object that is hardly known bare shall fill in its views, so that its sheet learns."""
+"""Share of the frame for objects that are hardly recognised without a patch. Smaller views teach their patch little."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainedPatch(TrainedBooster):
-    """What a run made.
+    """Result of a run.
 
     Attributes:
         patch: pixels and record.
         validations: per network; empty when the patch was finished before.
-        on_object: per network, on held-out views of the object: with the patch, and with grey paper for `bare`.
+        on_object: per network, on held-out views of the object; grey paper stands in for `bare`.
     """
 
     patch: Patch
@@ -104,7 +109,7 @@ class TrainedPatch(TrainedBooster):
         }  # fmt: skip
 
     def lines(self, object_name: str | None = None) -> Iterator[str]:
-        """What it is, how well it is recognised, and what comes next, for the object if it is named."""
+        """Lines on the patch, its accuracy, and the next command."""
         record, files = self.patch.record, self.files
         if self.was_finished:
             yield self.was_there()
@@ -140,7 +145,7 @@ class TrainedPatch(TrainedBooster):
                 yield f"{where}, corrupted: {share:.0%} with the patch, {bare:.0%} bare"
 
     def warnings(self) -> Iterator[str]:
-        """What should be known before it is printed."""
+        """Warnings before printing."""
         if any(answer.falls_short for answer in self.on_object):
             is_far = self.patch.record.settings["mounted_fill"][0] < NEAR[0]
             nearer = f"views from nearer (--mounted-fill {NEAR[0]} {NEAR[1]}), " if is_far else ""
@@ -174,11 +179,10 @@ def train_patch(
         ToolkitError: the settings, the data or a checkpoint cannot be used, or the disk is full.
     """
     config, targets = meet_networks(config, networks, class_name)
-    detectors = find_detectors(networks)
-    if detectors is not None:
-        config = config.model_copy(update={"mounted_share": 1.0})
     # the first network leads: its labels name the class, its crop bounds the patch
-    first, index = networks[0], targets[0].class_index
+    first, index = targets[0].classifier, targets[0].class_index
+    if is_detector_target(targets[0]):
+        config = config.model_copy(update={"mounted_share": 1.0})
     check_size(config.size_px, first.preprocessing.crop_px)
     name = name_files(name, targets[0].label, index)
     files = choose_files(workspace, out, name)
@@ -189,13 +193,21 @@ def train_patch(
         describe_data(data)
     config = config.count_steps(len(data.train))
     seen_world = None
+    has_detectors = any(map(is_detector_target, targets))
     if views is not None:
-        if detectors is not None or config.weather is not None or config.world is not None:
-            raise FieldError("detectors, {weather} and {world} need the object itself: add {sources} rig", {})
+        of_object = (config.weather, config.world, config.lost_weight > 1, config.margin != "white")
+        if has_detectors or any(of_object):
+            needs = (
+                "detectors, {weather}, {world}, {lost_weight} and {margin} need the object itself: add {sources} rig"
+            )
+            raise FieldError(needs, {})
     else:
-        views, seen_world = _render_views(config, workspace, rig_source, class_names, first, data)
-    kind = PatchTask if detectors is None else DetectorPatchTask
-    task = kind(config, targets, data, views, files, seen_world)
+        if has_detectors and not config.mounted_share:
+            needs = "detectors need views of the object: add {sources} rig, and {mounted_share} above 0"
+            raise FieldError(needs, {})
+        with_bare = needs_unmodified(config, targets)
+        views, seen_world = _render_views(config, workspace, rig_source, class_names, first, data, with_bare)
+    task = PatchTask(config, targets, data, views, files, seen_world)
     return train_booster(task, restart=restart, checkpoint_every_s=checkpoint_every_s, shared=RENDERS)
 
 
@@ -217,7 +229,7 @@ def choose_files(workspace: Workspace, out: Path | None, name: str) -> BoosterFi
 
 def _render_views(
     config: PatchConfig, workspace: Workspace, rig_source: str | None, class_names: frozenset[str], network: Network,
-    data: TrainingData,
+    data: TrainingData, with_bare: bool,
 ) -> tuple[MountedViews | None, dict[str, Any] | None]:  # fmt: skip
     """Views of the object with its sheets, where any are wanted, and where in a world they were taken."""
     if not config.mounted_share:
@@ -235,7 +247,8 @@ def _render_views(
     spec = item.spec if config.size_mm is None else item.spec.with_patch_size(config.size_mm)
     sizes_mm = spec.sizes_mm(printed_size_mm(config.size_px))
     if setting is not None:
-        meshes = [make_sheet_subject(item, sizes_mm, config.size_px, at_real_size=True).mesh]
+        subject = make_sheet_subject(item, sizes_mm, config.size_px, at_real_size=True, margin=config.margin)
+        meshes = [subject.mesh]
         seen = setting.record(meshes)
         notice(f"world: {setting.describe(meshes)}")
         ranges = replace(ranges, elevation_deg=WORLD_ELEVATION_DEG)
@@ -245,13 +258,18 @@ def _render_views(
     views = render_mounted_views(
         item, sizes_mm, config.size_px, config.mounted_views,
         seed=data.record["seed"], image_px=network.preprocessing.resize_px,
-        ranges=ranges, with_depth=with_depth, setting=setting,
+        ranges=ranges, with_depth=with_depth, with_bare=with_bare, setting=setting,
+        margin=config.margin,
     )  # fmt: skip
-    return stack_views(views, sizes_mm, network.device, metres_per_unit), seen
+    return stack_views(views, sizes_mm, network.device, metres_per_unit, config.margin), seen
 
 
 class PatchTask(BoosterTask[TrainedPatch]):
-    """Algorithm 1: a patch in random placements goes down the loss of recognising its class."""
+    """Algorithm 1: a patch in random placements goes down the loss of recognising its class.
+
+    Detectors are shown the object with its sheet alone, whose box is known; their loss is that of the object's place
+    (Angelic Patches, 2023).
+    """
 
     work = PATCHES
 
@@ -289,7 +307,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
 
     def describe(self) -> list[str]:
         """Every setting that acts, and how the networks know the object before there is a patch."""
-        lines, views = self.config.lines([target.classifier.name for target in self.targets]), self._held_out_views
+        lines, views = self.config.lines(describe_targets(self.targets)), self._held_out_views
         if views is None:
             return lines
         (known,) = recognise_mounted([grey_paper(self.pixels)], views, self.targets, self.image_px)
@@ -303,27 +321,36 @@ class PatchTask(BoosterTask[TrainedPatch]):
         return None if patch is None else TrainedPatch(patch=patch, files=self.files, skipped=self._data.skipped)
 
     def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
-        """Cross-entropy of photographs with the patch, and the patch's own losses."""
-        draws = Draws(self.config.seed, step)
-        count = 0 if self._views is None else round(self.config.batch * self.config.mounted_share)
-        batch = draw_batch(self._images, draws.of("images"), self.config.batch - count, self.image_px)
+        """The networks' losses of photographs with the patch, and the patch's own losses."""
+        config, draws, theta = self.config, Draws(self.config.seed, step), self.pixels
+        asked = choose_targets(self.targets, config, step)
+        # pictures in which the patch is pasted flat, and views of the object with its sheet; detectors see views alone
+        share = 1.0 if is_detector_target(asked[0]) else config.mounted_share
+        count = 0 if self._views is None else round(config.batch * share)
+        batch = draw_batch(self._images, draws.of("images"), config.batch - count, self.image_px)
         views = self._views if count else None
-        mounted = None if views is None else draw_mounted(views, draws, count, self.image_px, self.config.weather)
-        clean = None
-        if self.config.feature_mixup is not None:
-            with torch.no_grad():
-                clean = show_patch(grey_paper(self.pixels), batch, self._appearance, draws, mounted)
+        drawn = None if views is None else draw_mounted(views, draws, count, self.image_px, config.weather)
+        clean, unmodified = None, None
+        with torch.no_grad():
+            if config.feature_mixup is not None:
+                clean = show_patch(grey_paper(theta), batch, self._appearance, draws, drawn)
+            if needs_unmodified(config, asked):
+                scenes = [batch] if drawn is None else [batch, drawn.show_bare(theta)]
+                unmodified = take_photos(torch.cat(scenes), self._appearance, draws)
+        judge: Judge = partial(judge_ensemble, config=config, draws=draws, clean=clean, unmodified=unmodified)
+        if drawn is not None and is_detector_target(asked[0]):
+            judge = partial(judge_detectors, boxes=drawn.boxes, unmodified=unmodified, lost_weight=config.lost_weight)
+        else:
+            asked = self.targets
         loss, recognised = patch_loss(
-            self.pixels, batch, self.targets, self._appearance, draws, mounted=mounted, penalty=self._penalty,
-            judge=partial(judge_ensemble, config=self.config, draws=draws, clean=clean),
-        )  # fmt: skip
+            theta, batch, asked, self._appearance, draws, mounted=drawn, penalty=self._penalty, judge=judge
+        )
         return loss, {"accuracy": recognised}
 
     def finish(self, history: History) -> TrainedPatch:
         """Validate the rounded patch, draw the preview, and last, as the mark that all is done, write patch and record.
 
-        What the networks say of held-out images under the corruptions that it was trained with stands in the record
-        alone.
+        Results under the corruptions of the training are in the record alone.
         """
         config, pixels, data = self.config, quantise(self.pixels), self._data
         printed = from_picture(pixels, self._device)
@@ -337,7 +364,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
         if config.corrupted is not None:
             always = config.corrupted.with_overrides(probability=1.0)
             corrupted = validate_patch(printed, held_out, self.targets, clear, config.seed, corrupted=always)
-        # mounted on the object: in clear air, then in weather
+        # mounted on the object: in clear conditions, then in weather
         views = self._held_out_views
         on_object = [] if views is None else validate_mounted(printed, views, self.targets, self.image_px)
         weathered: list[Validation] = []
@@ -357,7 +384,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
             {"held_out": validations, "mounted": on_object, "corrupted": corrupted, "mounted_weather": weathered},
         )  # fmt: skip
         size_mm = config.size_mm if views is None else views.sizes_mm[0]
-        sized = {} if size_mm is None else {"size_mm": round(size_mm, 3)}
+        sized = {"margin": config.margin} | ({} if size_mm is None else {"size_mm": round(size_mm, 3)})
         patch = write_patch(self.files.png.parent, pixels, record | sized)
         return TrainedPatch(
             patch=patch, files=self.files, validations=validations, on_object=on_object, skipped=data.skipped
@@ -379,31 +406,6 @@ class PatchTask(BoosterTask[TrainedPatch]):
             photos = show_patch(printed, centres, self._appearance, Draws(config.seed, 0, "preview"))
         sheet = draw_patch_preview(pixels, photos, self.targets[0], self.targets[0].label, lines)
         write_preview(self.files.preview, sheet)
-
-
-class DetectorPatchTask(PatchTask):
-    """A patch that makes detectors find its object: the loss is theirs, at the object's place (Angelic Patches, 2023).
-
-    Every image is a view of the object with its sheet, whose box is known. `accuracy` counts views in which the class
-    is the class of highest probability, wherever the network finds it.
-    """
-
-    def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
-        """The detectors' losses of photographs of the object with the patch, and the patch's own losses."""
-        views, config, draws = self._views, self.config, Draws(self.config.seed, step)
-        assert views is not None and views.boxes is not None
-        which, corners = draw_cuts(views, draws.of("mounted"), config.batch, self.image_px)
-        weather = config.weather
-        through = None if weather is None else views.draw_weather(
-            weather, which, corners, self.image_px, weather.rng(draws)
-        )  # fmt: skip
-        printed = print_patch(self.pixels, self._appearance, draws)
-        shown = show_mounted(printed, views, which, corners, self.image_px, draws.of("mounted light"), through=through)
-        photos = take_photos(shown, self._appearance, draws)
-        # the cut's own pixels: x and y of a box, corners are top and left
-        loss, seen = judge_detectors(photos, self.targets, views.boxes[which] - corners[:, [1, 0, 1, 0]])
-        penalty = self._penalty
-        return (loss if penalty is None else loss + penalty(self.pixels)), {"accuracy": seen}
 
 
 def patch_loss(

@@ -1,4 +1,4 @@
-"""What decides a patch's pixels: the declaration of its settings, its recipes, and what makes a config of them."""
+"""The settings of a patch's training, its recipes, and how a config is made of them."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -30,7 +30,7 @@ from toolkit.boosters.transforms.transfer import Cutout
 from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 from toolkit.core.work import Work
-from toolkit.objects.spec import ObjectSpec, printed_size_mm
+from toolkit.objects.spec import Margin, ObjectSpec, printed_size_mm
 
 if TYPE_CHECKING:
     import torch
@@ -52,6 +52,11 @@ class PatchConfig(PixelConfig):
     size_mm: Annotated[float | None, Later, Field(ge=1, le=10_000), Flag(metavar="MM")] = Field(
         None,
         description="Side of the printed patch, mm, to train for. Default: the object's spec, else 0.88 mm a pixel.",
+    )
+    margin: Annotated[Margin, Later, Flag(metavar="white|bleed")] = Field(
+        "white",
+        description="Train for this paper around the patch, 5 mm wide: white, or bleed, which continues the print. Use "
+        "clear tape with bleed.",
     )
     epochs: Annotated[int | None, Field(ge=1), Flag(group=STEPS)] = Field(
         None, description="In place of {steps}: how often each image is seen."
@@ -143,7 +148,8 @@ class PatchConfig(PixelConfig):
         idle = self.idle_transforms(on_flat)
         if self.mounted_share:
             share = f"{self.mounted_share:.0%} of each batch, {self.mounted_views} views, a fifth held out, "
-            rows.append(("mounted", f"{share}the object filling {describe(self.mounted_fill)} of the frame"))
+            margin = "" if self.margin == "white" else ", printed over the sheet's margin"
+            rows.append(("mounted", f"{share}the object filling {describe(self.mounted_fill)} of the frame{margin}"))
         else:
             idle.append("mounted views")
         losses = [f"total variation × {self.tv_weight:g}"] if self.tv_weight else []
@@ -171,8 +177,8 @@ RECIPES: dict[str, PatchConfig] = {
         without_effect={"momentum": 0.9, "weight_decay": 1e-4},
     ),
 }  # fmt: skip
-"""Appendix C.2 names momentum and weight decay. In the paper's release the optimiser that has them holds a dummy
-parameter, while the patch itself moves by the plain sign of its gradient, as Algorithm 1 says: that acts here too."""
+"""Appendix C.2 names momentum and weight decay. In the paper's release they act on a dummy parameter. The patch itself
+moves by the sign of its gradient, as in Algorithm 1, and it does so here."""
 
 
 def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> PatchConfig:
@@ -231,7 +237,7 @@ def limit_renders(config: PatchConfig, data: DataConfig) -> tuple[PatchConfig, D
 def size_by_spec(overrides: Mapping[str, Any], spec: ObjectSpec) -> dict[str, Any]:
     """The overrides with the sizes of the object that the patch is for, where they or its spec state the patch's.
 
-    Of several sheets the first sheet's width counts: inks bleed by its millimetres on a texel.
+    If there are several sheets, the first sheet's width counts: inks bleed by its millimetres on a texel.
     """
     size_mm = overrides.get("size_mm") or spec.mounts[0].size_mm
     if size_mm is None:

@@ -35,7 +35,7 @@ def _check_times(times: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def count_held_out(count: int) -> int:
-    """How many of so many images or views are held out: a fifth, at least one where another is left."""
+    """Number of held-out images or views: a fifth, and at least 1 of 2 or more."""
     return round(count * HELD_OUT) or int(count > 1)
 
 
@@ -76,12 +76,12 @@ class DataConfig(Config):
 
 
 STEPS, AUGMENTATION, WORLD = "Steps", "Augmentation", "In a world"
-TRANSFER = "What carries over to other networks"
+TRANSFER = "Transfer to other networks"
 WORLD_ELEVATION_DEG, WORLD_FILL = (2.0, 75.0), (0.3, 1.0)
-"""Where cameras stand in a world, unless it is said: from a man's height up, from one length away to four."""
+"""Default places of cameras in a world: from a person's height up, one to four lengths away."""
 DEFAULT_ENSEMBLE: Literal["sum", "normalised", "turns"] = "turns"
 SLOTS = ("affine", "pose", "weather")
-"""Fields with a use of their own; the transform of any other acts at its stage."""
+"""Fields that are read by name; the transform of any other field acts at its stage."""
 CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
 
 
@@ -92,8 +92,7 @@ MeetsCorruptions = Annotated[
     Flag("--corrupt", metavar="NAME[:SEVERITY]", group=AUGMENTATION, typed=tuple[str, ...]),
 ]
 CORRUPTED_HELP = (
-    "Corrupt half of the photographs as ImageNet-C does: noise:1-3, blur:5, common, all; of several, each view draws "
-    "one."
+    "Corrupt half of the photographs as ImageNet-C does: noise:1-3, blur:5, common, all. Each view draws from several."
 )
 
 
@@ -101,7 +100,7 @@ class PixelConfig(Config):
     """How the pixels of a booster are moved, and what it meets: every transform that a field holds acts."""
 
     stages: ClassVar[tuple[str, ...]] = ()
-    about: str = Field("", exclude=True, description="What kind of recipe it is.")
+    about: str = Field("", exclude=True, description="Kind of the recipe.")
     recipe: str = "custom"
     steps: Annotated[int | None, Field(ge=1), Flag(group=STEPS)] = Field(300, description="Gradient steps.")
     batch: Annotated[int, Field(ge=1), Flag(group=STEPS)] = Field(16, description="Images per step.")
@@ -114,11 +113,16 @@ class PixelConfig(Config):
     seed: Annotated[int, Field(ge=0)] = 0
     ensemble: Annotated[Literal["sum", "normalised", "turns"] | None, Later, Flag(group=TRANSFER)] = Field(
         None,
-        description="With several networks: sum adds their losses, normalised their gradients at equal length, turns "
-        "takes one network a step. Default: turns.",
+        description="Join several networks: sum adds their losses, normalised adds their gradients at equal length. "
+        "turns uses a single network in each step. Default: turns.",
     )
     objective: Annotated[Literal["cross-entropy", "logit"], Later, Flag(group=TRANSFER)] = Field(
-        "cross-entropy", description="What training raises: the probability of the class, or its logit."
+        "cross-entropy", description="Raise the probability of the class, or its logit."
+    )
+    lost_weight: Annotated[float, Later, Field(ge=1, le=10), Flag(metavar="X", group=TRANSFER)] = Field(
+        1.0,
+        description="Count a view X times if a network recognises it without the booster and not with it. 2 counts it "
+        "double. Default: 1, as any other view.",
     )
     jitter: Annotated[Jitter | None, Later, Flag("--view-jitter", group=TRANSFER)] = Field(
         None, description="Show each network the photographs a little larger or smaller, and moved."
@@ -157,8 +161,8 @@ class PixelConfig(Config):
         ),
     ] = Field(
         None,
-        description="Weather over half of the views, by distance at the object's real size: fog:1-5, dust:3, "
-        "rain, snow; of several, each view draws one.",
+        description="Add weather to half of the views, by distance at the object's real size: fog:1-5, dust:3, "
+        "rain, snow. Each view draws from several.",
     )
     world: Annotated[str | None, Later, Flag(metavar="NAME|FILE", group=WORLD)] = Field(
         None,
@@ -167,10 +171,10 @@ class PixelConfig(Config):
         "the TOML of a kit.",
     )
     world_seed: Annotated[int, Field(ge=0), Later, Flag(group=WORLD)] = Field(
-        1, description="Seed of the world. The default of world-eval is another one, 0."
+        1, description="Seed of the world. The default of world-eval is 0."
     )
     world_scale: Annotated[float, Field(gt=0), Later, Flag(group=WORLD)] = Field(
-        1.0, description="Metres in one unit of your own mesh."
+        1.0, description="Metres in a unit of your own mesh."
     )
     times: Annotated[
         tuple[str, ...], AfterValidator(_check_times), Field(min_length=1), Later,
@@ -264,6 +268,7 @@ class PixelConfig(Config):
         transfer: dict[str, object] = {"ensemble": self.ensemble, "objective": objective, "jitter": self.jitter}
         transfer |= {"block shuffle": self.block_shuffle, "feature mixup": self.feature_mixup}
         transfer["momentum"] = self.momentum or None
+        transfer["lost weight"] = self.lost_weight if self.lost_weight > 1 else None
         return [
             ("recipe", ": ".join(filter(None, [self.recipe, self.about]))),
             ("size", f"{size_px} × {size_px} px, start contrast {self.start_contrast:g}"),

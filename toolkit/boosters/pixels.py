@@ -1,4 +1,4 @@
-"""What patch and texture share: pixels in [0, 1] that networks shall recognise as a class, and their way there."""
+"""Training of pixels in [0, 1] that networks shall recognise as a class: the base of patch, texture and wrap."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext
@@ -25,7 +25,7 @@ from toolkit.training.processes import current
 
 
 class Network(LogitNetwork, Protocol):
-    """What boosters ask of a classifier; `toolkit.models.network.Classifier` is one."""
+    """A classifier as boosters use it, such as `toolkit.models.network.Classifier`."""
 
     @property
     def preprocessing(self) -> Preprocessing:
@@ -56,6 +56,11 @@ class Target:
         """Label of the class."""
         return self.classifier.labels[self.class_index]
 
+    @property
+    def turns(self) -> int:
+        """Training steps of a round that use the network, see `choose_turn`."""
+        return getattr(self.classifier, "turns", 1)
+
     def logits(self, photos: torch.Tensor) -> torch.Tensor:
         """(b, classes) of (b, 3, m, m) sRGB-encoded photographs, resized to the network's side; differentiable."""
         # the photographs may be made for another network of the ensemble
@@ -73,9 +78,13 @@ class Target:
         """(b, classes) float64 on the CPU of (b, 3, m, m) photographs, without gradient, see `predict`."""
         return predict(resize_photos(photos, self.classifier.preprocessing.crop_px), self.classifier)
 
+    def find_hits(self, photos: torch.Tensor) -> torch.Tensor:
+        """(b,) bool, on the CPU: which (b, 3, m, m) sRGB-encoded photographs the network recognises as the class."""
+        return self.predict(photos).argmax(1) == self.class_index
+
     def count_hits(self, photos: torch.Tensor) -> int:
         """How many of (b, 3, m, m) sRGB-encoded photographs the network recognises as the class."""
-        return int((self.predict(photos).argmax(1) == self.class_index).sum())
+        return int(self.find_hits(photos).sum())
 
 
 def resize_photos(photos: torch.Tensor, side: int) -> torch.Tensor:
@@ -100,7 +109,7 @@ class PixelTask(TrainingTask[Made]):
         Args:
             config: how θ is moved.
             size_px: n.
-            targets: the networks, at least one network; θ is trained on the device of the first.
+            targets: the networks; θ is trained on the device of the first.
             optimiser: by which rule.
         """
         first = draw_first_pixels(size_px, config.seed, config.start_contrast)
@@ -116,7 +125,7 @@ class PixelTask(TrainingTask[Made]):
         return {"pixels": self.pixels}
 
     def buffers(self) -> dict[str, torch.Tensor]:
-        """What momentum has gathered."""
+        """The gathered momentum."""
         return {} if self._velocity is None else {"velocity": self._velocity}
 
     def adjust_gradients(self, step: int) -> None:
@@ -158,13 +167,15 @@ def smooth_gradient(gradient: torch.Tensor, sigma_px: float) -> torch.Tensor:
 
 
 def judge_photos(
-    photos: torch.Tensor, targets: list[Target], objective: str = "cross-entropy"
-) -> tuple[torch.Tensor, float]:
-    """What the networks say of (b, 3, m, m) sRGB-encoded photographs.
+    photos: torch.Tensor, targets: list[Target], objective: str = "cross-entropy", known: torch.Tensor | None = None,
+    lost_weight: float = 1.0,
+) -> tuple[torch.Tensor, float]:  # fmt: skip
+    """The networks' loss of (b, 3, m, m) sRGB-encoded photographs, and the share that they recognise.
 
     Returns the cross-entropy towards the target class, mean over the batch and summed over the networks, and the share
     recognised, mean over the networks. By the objective `logit` the loss is the class' logit, its sign turned, whose
-    gradient does not vanish where a network is sure (Zhao et al. 2021).
+    gradient does not vanish where a network is sure (Zhao et al. 2021). With `known`, (b,) bool, photographs that are
+    recognised there and not here count `lost_weight` times.
     """
     loss, recognised = photos.new_zeros(()), 0.0
     for target in targets:
@@ -173,23 +184,37 @@ def judge_photos(
         wanted = torch.full((len(photos),), target.class_index, device=logits.device)
         # networks may run in half precision; the loss may not
         precise = logits.to(photos.dtype)
-        loss = loss + (
-            cross_entropy(precise, wanted) if objective == "cross-entropy" else -precise[:, target.class_index].mean()
-        )
-        recognised += float((logits.argmax(1) == wanted).double().mean())
+        if objective == "cross-entropy":
+            losses = cross_entropy(precise, wanted, reduction="none")
+        else:
+            losses = -precise[:, target.class_index]
+        hits = logits.argmax(1) == wanted
+        if known is not None:
+            losses = losses * weigh_lost(known.to(hits.device), hits, lost_weight).to(losses)
+        loss = loss + losses.mean()
+        recognised += float(hits.double().mean())
     return loss, recognised / len(targets)
 
 
-def judge_in_parts(photos: torch.Tensor, target: Target, objective: str) -> tuple[torch.Tensor, float]:
+def weigh_lost(known: torch.Tensor, hits: torch.Tensor, lost_weight: float) -> torch.Tensor:
+    """(b,) how often each photograph counts: those that are known without the booster and missed with it count more."""
+    return 1 + (lost_weight - 1) * (known & ~hits).double()
+
+
+def judge_in_parts(
+    photos: torch.Tensor, target: Target, config: PixelConfig, known: torch.Tensor | None = None
+) -> tuple[torch.Tensor, float]:
     """`judge_photos` of a network, a part at a time: what it keeps of photographs for the way back is much memory."""
     if not photos.requires_grad:
-        return judge_photos(photos, [target], objective)
+        return judge_photos(photos, [target], config.objective, known, config.lost_weight)
     value, recognised = photos.new_zeros(()), 0.0
     gradients: list[torch.Tensor] = []
     # a part for each of a CPU's threads: more are no faster; a GPU takes all at once
     size = CPU_PART * torch.get_num_threads() if photos.device.type == "cpu" else len(photos)
-    for part in photos.detach().split(size):
-        loss, hits = judge_photos(part.requires_grad_(True), [target], objective)
+    parts = photos.detach().split(size)
+    for part, known_part in zip(parts, [None] * len(parts) if known is None else known.split(size), strict=True):
+        part.requires_grad_(True)
+        loss, hits = judge_photos(part, [target], config.objective, known_part, config.lost_weight)
         share = len(part) / len(photos)
         gradients += torch.autograd.grad(loss * share, part)
         value, recognised = value + loss.detach() * share, recognised + hits * share
@@ -198,11 +223,11 @@ def judge_in_parts(photos: torch.Tensor, target: Target, objective: str) -> tupl
 
 def judge_ensemble(
     photos: torch.Tensor, targets: Sequence[Target], config: PixelConfig, draws: Draws,
-    clean: torch.Tensor | None = None,
+    clean: torch.Tensor | None = None, unmodified: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, float]:  # fmt: skip
     """The loss of photographs before the networks that a step asks, a scalar, and the mean share they recognise.
 
-    What networks share carries over to unseen networks; what a single network has alone does not. The means are
+    Features that networks share transfer to unseen networks; those of a single network do not. The means are
     those of the literature on transfer: an ensemble (Liu et al. 2017), diverse inputs (DI; Xie et al. 2019), the logit
     in place of the cross-entropy (Zhao et al. 2021). Momentum (MI; Dong et al. 2018) and smoothed gradients (TI; Dong
     et al. 2019) are in `PixelTask.adjust_gradients`.
@@ -216,42 +241,56 @@ def judge_ensemble(
             network is asked, see `choose_turn`.
         draws: of this step.
         clean: all photographs without the booster, where features are mixed.
+        unmodified: all photographs of the object as it is, if `lost_weight` acts.
     """
 
     def ask(seen: torch.Tensor, number: int) -> tuple[torch.Tensor, float]:
         target = targets[number].folded
-        # drawn for each network by its number: they do not look at the same cut
-        for transform in config.transforms("network"):
-            seen = transform.change(seen, transform.rng(draws, f" {number}"))
+
+        def look(photos: torch.Tensor) -> torch.Tensor:
+            # drawn for each network by its number: they do not look at the same cut
+            for transform in config.transforms("network"):
+                photos = transform.change(photos, transform.rng(draws, f" {number}"))
+            return current().share(photos)
+
+        known = None if unmodified is None else target.find_hits(look(unmodified))
         if clean is None:
-            return judge_in_parts(current().share(seen), target, config.objective)
+            return judge_in_parts(look(seen), target, config, known)
         network, see_clean = target.classifier, partial(judge_photos, clean, [target])
         assert isinstance(network, Classifier)
         with ExitStack() as acting:
             for transform in config.transforms("features"):
                 side = network.preprocessing.crop_px
                 acting.enter_context(transform.inside(network.module, side, see_clean, draws, f" {number}"))
-            return judge_photos(current().share(seen), [target], config.objective)
+            return judge_photos(look(seen), [target], config.objective, known, config.lost_weight)
 
     if config.ensemble == "turns":
-        return ask(photos, choose_turn(config.seed, draws.step, len(targets)))
+        return ask(photos, choose_turn(config.seed, draws.step, [target.turns for target in targets]))
     if config.ensemble == "normalised" and photos.requires_grad:
         return _normalise(photos, ask, len(targets))
     answers = [ask(photos, number) for number in range(len(targets))]
     return sum((loss for loss, _ in answers), photos.new_zeros(())), _mean([hits for _, hits in answers])
 
 
-def choose_turn(seed: int, step: int, count: int) -> int:
-    """Number of the network that a step asks: each of `count` once a round, in an order of the round's own."""
-    turn, inside = divmod(step, count)
-    return int(Draws(seed, turn).of("turns").permutation(count)[inside])
+def choose_turn(seed: int, step: int, turns: Sequence[int]) -> int:
+    """Number of the network that a step asks: each has its turns in every round, in an order of the round's own."""
+    each = np.repeat(np.arange(len(turns)), turns)
+    number, inside = divmod(step, len(each))
+    return int(each[Draws(seed, number).of("turns").permutation(len(each))[inside]])
+
+
+def choose_targets(targets: Sequence[Target], config: PixelConfig, step: int) -> list[Target]:
+    """The networks that a step uses: a single network by turns, else all."""
+    if config.ensemble != "turns":
+        return list(targets)
+    return [targets[choose_turn(config.seed, step, [target.turns for target in targets])]]
 
 
 def _normalise(
     photos: torch.Tensor, ask: Callable[[torch.Tensor, int], tuple[torch.Tensor, float]], count: int
 ) -> tuple[torch.Tensor, float]:
     """Network after network, each graph freed before the next; one way back through the render for all."""
-    # a leaf of its own: the render's graph is walked once, with the joined gradient
+    # a separate leaf: the render's graph is walked once, with the joined gradient
     seen = photos.detach().requires_grad_(True)
     value, recognised = photos.new_zeros(()), []
     gradients: list[torch.Tensor] = []
@@ -295,7 +334,7 @@ def resolve_targets(networks: Sequence[Network], class_name: str | int) -> list[
 
 
 def quantise(pixels: torch.Tensor) -> np.ndarray:
-    """(3, n, n) in [0, 1] to (n, n, 3) uint8, rounded as it is written."""
+    """(3, n, n) in [0, 1] to (n, n, 3) uint8, rounded as the file has it."""
     return np.round(pixels.detach().cpu().numpy().transpose(1, 2, 0) * 255).astype(np.uint8)
 
 
@@ -318,6 +357,7 @@ def list_networks(targets: list[Target]) -> list[list[object]]:
     rows: list[list[object]] = []
     for target in targets:
         network = target.classifier
-        said = [network.preprocessing.describe()] if is_program(network.arch) else []
+        said: list[object] = [network.preprocessing.describe()] if is_program(network.arch) else []
+        said += [{"turns": target.turns}] if target.turns != 1 else []
         rows.append([network.arch, network.weights.sha256, target.class_index, *said])
     return rows

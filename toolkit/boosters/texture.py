@@ -21,12 +21,20 @@ from toolkit.boosters.booster import (
     train_booster,
     write_preview,
 )
-from toolkit.boosters.detectors import box_of_coverage, find_detectors, judge_detectors, meet_networks
+from toolkit.boosters.detectors import (
+    box_of_coverage,
+    describe_targets,
+    is_detector_target,
+    judge_detectors,
+    meet_networks,
+    needs_unmodified,
+)
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixel_config import name_files
 from toolkit.boosters.pixels import (
     Network,
     Target,
+    choose_targets,
     from_picture,
     judge_ensemble,
     list_networks,
@@ -65,7 +73,7 @@ TURNTABLE_VIEWS, TURNTABLE_ELEVATION_DEG, TURNTABLE_FILL, TURNTABLE_BACKDROP = 8
 
 @dataclass(frozen=True, kw_only=True)
 class TrainedTexture(TrainedBooster):
-    """What a run made.
+    """Result of a run.
 
     Attributes:
         texture: pixels and record.
@@ -85,7 +93,7 @@ class TrainedTexture(TrainedBooster):
         }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
-        """What it is, how well it is recognised, and what comes next."""
+        """Lines on the texture, its accuracy, and the next command."""
         record, files = self.texture.record, self.files
         if self.was_finished:
             yield self.was_there()
@@ -100,7 +108,7 @@ class TrainedTexture(TrainedBooster):
 
 
 def say_held_out(validations: Iterable[WeatherValidation], how: str) -> Iterator[str]:
-    """A line for each network and kind of held-out views: what it says of the object `how` and bare."""
+    """A line for each network and kind of held-out views: its accuracy on the object `how` and unmodified."""
     for answer in validations:
         held_out = [("held-out views", answer.clear), ("the same in fog", answer.fog)]
         held_out += [] if answer.weather is None else [("the same in its weather", answer.weather)]
@@ -118,7 +126,7 @@ def train_texture(
 
     Args:
         config: every setting, see `make_config` and `RECIPES`.
-        networks: at least one network; the labels and preprocessing of the first lead.
+        networks: their labels and preprocessing; the first classifier's lead.
         workspace: whose folders and objects are used.
         class_name: a label of the networks, an index, or a WordNet id; None: the class that the objects' specs name.
         name: of the texture's files; by default the object's, for several objects the class's.
@@ -138,7 +146,7 @@ def train_texture(
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
     start = None if config.start is None else read_start(config.start, objects, config.size_px)
-    inputs = load_inputs(config, objects, keep_image, networks[0], workspace, start)
+    inputs = load_inputs(config, objects, keep_image, targets[0].classifier, workspace, start)
     task = TextureTask(config, targets, inputs, choose_files(workspace, out, name), workers)
     return train_booster(task, restart=restart, checkpoint_every_s=checkpoint_every_s)
 
@@ -211,8 +219,7 @@ class SurfaceTask(BoosterTask[Trained]):
 
     def describe(self) -> list[str]:
         """Every setting that acts."""
-        names = [target.classifier.name for target in self.targets]
-        inputs = self.inputs
+        names, inputs = describe_targets(self.targets), self.inputs
         world = None if inputs.setting is None else inputs.setting.describe([item.mesh for item in inputs.at_real_size])
         return self.config.lines(self.targets[0].label, [item.describe() for item in inputs.objects], names, world)
 
@@ -245,32 +252,41 @@ class SurfaceTask(BoosterTask[Trained]):
         if config.weather is not None:
             rng = config.weather.rng(draws)
             batch = batch.through(*draw_weather(views, self._metres, config.weather, rng))
-        photos = take_photos(self.dilated(), batch, config, draws)
-        if find_detectors([target.classifier for target in self.targets]):
-            boxes = np.array([box_of_coverage(view.view.coverage) for view in views], np.float32)
-            loss, recognised = judge_detectors(photos, self.targets, boxes)
-        else:
+        photos = take_photos(self._dilate(self.pixels), batch, config, draws)
+        asked, clean, unmodified = choose_targets(self.targets, config, step), None, None
+        with torch.no_grad():
+            if needs_unmodified(config, asked):
+                each = torch.stack([take_photos(paint, batch, config, draws) for paint in self._paints])
+                unmodified = each[[view.subject for view in views], list(range(len(views)))]
             # feature mixup needs the same views with a grey object
-            clean = None
             if config.feature_mixup is not None:
-                with torch.no_grad():
-                    clean = take_photos(torch.full_like(self.pixels, GREY), batch, config, draws)
-            loss, recognised = judge_ensemble(photos, self.targets, config, draws, clean)
+                clean = take_photos(torch.full_like(self.pixels, GREY), batch, config, draws)
+        if is_detector_target(asked[0]):
+            boxes = np.array([box_of_coverage(view.view.coverage) for view in views], np.float32)
+            loss, recognised = judge_detectors(photos, asked, boxes, unmodified, config.lost_weight)
+        else:
+            loss, recognised = judge_ensemble(photos, self.targets, config, draws, clean, unmodified)
         return loss, {"accuracy": recognised}
 
-    def dilated(self) -> torch.Tensor:
+    @cached_property
+    def _paints(self) -> list[torch.Tensor]:
+        """Each object's own paint as a texture, (3, n, n)."""
+        device = str(self.pixels.device)
+        return [self._dilate(from_picture(item.paint(), device)).to(self.pixels.dtype) for item in self.inputs.objects]
+
+    def _dilate(self, pixels: torch.Tensor) -> torch.Tensor:
         """(3, n, n) with the colour of the nearest seen texel on all that are not seen."""
-        return self.pixels.flatten(1)[:, self._source.reshape(-1)].view(self.pixels.shape)
+        return pixels.flatten(1)[:, self._source.reshape(-1)].view(pixels.shape)
 
     def show(self) -> None:
         """Draw the turntable."""
         with torch.inference_mode():
-            photos = torch.cat([show_texture(self.dilated(), batch) for batch in self._turntable])
+            photos = torch.cat([show_texture(self._dilate(self.pixels), batch) for batch in self._turntable])
         write_preview(self.files.preview, draw_turntable(photos, self.targets[0]))
 
     def finish(self, history: History) -> Trained:
         """Validate the rounded pixels, and write them."""
-        config, inputs, pixels = self.config, self.inputs, self.reduce(quantise(self.dilated()))
+        config, inputs, pixels = self.config, self.inputs, self.reduce(quantise(self._dilate(self.pixels)))
         with progress("Validating", 1) as bar:
             validations = validate_texture(
                 pixels, self._stream.held_out(config.held_out), self.targets, config.seed,

@@ -1,4 +1,4 @@
-"""What decides the pixels of a texture, and of a wrap: the declaration of their settings, and their recipes."""
+"""The settings of a texture's and a wrap's training, and their recipes."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -36,19 +36,19 @@ METHOD = "unadversarial texture, Algorithm 2"
 MIN_PX, MAX_PX = 8, 1024
 CLOUDS_PROBABILITY = 0.5
 """Clouds hide most of what a texture says, and are seen as often as a clear view."""
-WEARS, SEEN = "What wears it", "Where it is seen from"
+WEARS, SEEN = "Object", "Views"
 
 MaxChange = Annotated[
     Annotated[float, Field(gt=0, le=1)] | Literal["auto"] | None, Expect("a number above 0 and at most 1, or auto")
 ]
 """How far a texture may leave the object's own paint."""
 KNOWN, NEAR = 0.75, 0.2
-"""An object that is known bare in this share of views keeps its looks up to this change; its texture then carries over
-best to networks that did not train it. Others are painted freely (docs/tasks/transfer.md, "Keep its looks")."""
+"""If networks recognise the unmodified object in this share of views, `auto` allows this change of paint. The texture
+then transfers best to unseen networks. Other objects are painted freely (docs/tasks/transfer.md, "Keep its looks")."""
 
 
 def check_objects(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Each object once, and at least one."""
+    """Some objects, each once."""
     if not names:
         raise FieldError(
             "{objects}: expected at least one object to wear the texture; 'toolkit objects' lists them", {}
@@ -71,7 +71,7 @@ class TextureConfig(PixelConfig):
         tuple[str, ...], AfterValidator(check_objects), Flag("--object", metavar="NAME", group=WEARS)
     ] = Field(
         (), validate_default=False, exclude=True,
-        description="Object that the texture is for; several of one class share one texture.",
+        description="Object that the texture is for. Several objects of a class share a texture.",
     )  # fmt: skip
     size_px: Annotated[int, Field(ge=MIN_PX, le=MAX_PX), Flag(group=WEARS)] = Field(
         200, exclude=True, description="Side of the texture, pixels."
@@ -91,12 +91,12 @@ class TextureConfig(PixelConfig):
         "sign", description="How each step changes the texture."
     )
     start: Annotated[Path | None, Flag(metavar="FILE", group=STEPS)] = Field(
-        None, exclude=True, description="PNG of a texture of the same objects to go on from, in place of noise."
+        None, exclude=True, description="Begin with this texture's PNG, of the same objects, in place of noise."
     )
     max_change: Annotated[MaxChange, Later, Flag(metavar="X|auto", group=STEPS, typed=str)] = Field(
         None,
-        description="Go on from the object's own paint, and change no channel by more than this, of the full range; "
-        "auto: by 0.2 where the networks know the bare object in three of four views, else freely.",
+        description="Begin with the object's own paint, and change no channel by more than this share of its range. "
+        "auto: 0.2 if the networks recognise the unmodified object in three of four views, else no limit.",
     )
     gradient: Annotated[Literal["shaded", "linear"], Flag(group=STEPS)] = Field(
         "shaded", description="shaded: light in the gradient; linear: the paper's approximation."
@@ -286,7 +286,7 @@ def check_object(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def read_counts(given: Any) -> Any:
-    """`1..12`, or one number, as the fewest and the most."""
+    """`1..12`, or a single number, as the fewest and the most."""
     if not isinstance(given, str):
         return given
     low, _, high = given.partition("..")
@@ -294,7 +294,7 @@ def read_counts(given: Any) -> Any:
 
 
 def check_counts(counts: tuple[int, int]) -> tuple[int, int]:
-    """At least one, and rising."""
+    """Positive, and rising."""
     if not 1 <= counts[0] <= counts[1] <= MOST_PIECES:
         raise ValueError(f"expected numbers of pieces such as 1..12, at most {MOST_PIECES}")
     return counts

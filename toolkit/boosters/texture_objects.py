@@ -1,4 +1,4 @@
-"""What a texture is trained on: the objects that wear it, photographs, a world, and what it begins with."""
+"""Inputs of a texture's training: its objects, photographs, a world, and the first pixels."""
 
 import json
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ class TexturedObject:
         return self.item.name
 
     def subject(self, at_real_size: bool = False) -> PaintableObject:
-        """What the view stream renders: the model, millimetres, or what it is a model of, metres."""
+        """The object for the view stream: the model in millimetres, or at its real size in metres."""
         material = int(self.atlas.mesh.face_material[self.atlas.trained][0])
         if not at_real_size:
             return PaintableObject(self.atlas.mesh, material, self.item.mesh)
@@ -78,7 +78,7 @@ def load_objects(workspace: Workspace, config: TextureConfig, keep_image: np.nda
 
 
 def read_start(file: Path, objects: Sequence[TexturedObject], size_px: int) -> np.ndarray:
-    """(n, n, 3) uint8 sRGB of the texture that training goes on from.
+    """(n, n, 3) uint8 sRGB of the texture that training begins with.
 
     Raises:
         ToolkitError: it cannot be read, has another size, or was not trained on these objects.
@@ -162,13 +162,13 @@ def load_backgrounds(config: TextureConfig, network: Network) -> Loaded:
 
 @dataclass(frozen=True)
 class TextureInputs:
-    """What a texture is trained on, beside its settings and its networks.
+    """Inputs of a texture's training, beside its settings and its networks.
 
     Attributes:
         objects: that wear it.
         backgrounds: photographs; there may be none.
         setting: the world that it is trained in; None: studios.
-        start: (n, n, 3) uint8 sRGB to go on from; None: from the paint where it is stayed near, else from noise.
+        start: (n, n, 3) uint8 sRGB first pixels; None: the paint if `max_change` limits it, else noise.
         paint: (n, n, 3) uint8 sRGB that `max_change` is counted from; None without a limit.
         keep_image: (h, w) bool mask of the only object, to be recorded.
     """
@@ -182,7 +182,7 @@ class TextureInputs:
 
     @property
     def at_real_size(self) -> list[PaintableObject]:
-        """What is rendered for training: in a world at its real size."""
+        """The objects for the view stream; in a world at their real size."""
         return [item.subject(at_real_size=self.setting is not None) for item in self.objects]
 
     def sha256(self, needs_size: bool) -> str:

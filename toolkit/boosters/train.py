@@ -26,8 +26,7 @@ def train_patch(
 ) -> TrainedPatch:  # fmt: skip
     """Train a patch that makes classifiers see a class, into `print/patches/NAME.png` and its record.
 
-    An interrupted run goes on where it stopped, and a finished run is returned as it is: the same
-    arguments give the same pixels.
+    Interrupted runs resume, and a finished run is returned as it is: the same arguments give the same pixels.
 
     Args:
         workspace: whose objects are rendered, and where the patch is written.
@@ -45,8 +44,8 @@ def train_patch(
             `toolkit.boosters.patch_config.PatchConfig`.
 
     Returns:
-        `patch` (its `pixels` are (n, n, 3) uint8 sRGB), `files`, and per network how often it answers right on held-out
-        images with the patch and without.
+        `patch` (its `pixels` are (n, n, 3) uint8 sRGB), `files`, and per network its accuracy on held-out images with
+        the patch and without.
 
     Raises:
         ToolkitError: an unknown class, recipe or setting, a value out of its range, data that cannot be used, or
@@ -66,7 +65,7 @@ def train_texture(
 ) -> TrainedTexture:  # fmt: skip
     """Train the whole surface of an object, into `rig/textures/NAME.png`, its record, and a GLB of the object in it.
 
-    An interrupted run goes on where it stopped, and a finished run is returned as it is.
+    Interrupted runs resume, and a finished run is returned as it is.
 
     Args:
         workspace: whose objects are meant, and where the texture is written.
@@ -86,8 +85,8 @@ def train_texture(
             `toolkit.boosters.texture_config.TextureConfig`.
 
     Returns:
-        `texture` (its `pixels` are (n, n, 3) uint8 sRGB), `files`, and per network how often it answers right on
-        held-out views in the texture and in the object's own paint, clear and in fog.
+        `texture` (its `pixels` are (n, n, 3) uint8 sRGB), `files`, and per network its accuracy on held-out views in
+        the texture and in the object's own paint, in clear conditions and in fog.
 
     Raises:
         ToolkitError: an unknown object, recipe or setting, a value out of its range, photographs that cannot be
@@ -111,9 +110,8 @@ def train_wrap(
 ) -> TrainedWrap:  # fmt: skip
     """Train what is on the flat pieces of an object's wrap, into `print/wraps/NAME`: a picture of each, and a record.
 
-    The object's own plan is used, and a default plan is made if it has none. The pieces are met as they will be:
-    printed, and stuck on a little beside their places. An interrupted run goes on where it stopped, and a run that was
-    finished before comes back as it is.
+    The object's own plan is used, and a default plan is made if it has none. In training the pieces are printed, and
+    stuck on a little beside their places. Interrupted runs resume, and a finished run is returned as it is.
 
     Args:
         workspace: whose object is meant, and where the wrap is written.
@@ -131,7 +129,7 @@ def train_wrap(
 
     Returns:
         `wrap` (its `pixels` are (n, n, 3) uint8 sRGB, a texel is `wrap.record.texel_mm` millimetres), `files`, and per
-        network how often it answers right on held-out views with the wrap stuck on and in the object's own paint.
+        network its accuracy on held-out views with the wrap stuck on and in the object's own paint.
 
     Raises:
         ToolkitError: an unknown object, recipe or setting, a value out of its range, a plan of another mesh, no
@@ -240,7 +238,7 @@ def try_place(
     workspace: Workspace, name: str, networks: Sequence[Network], mounts: Sequence[PatchMount], steps: int,
     seed: int = 0,
 ) -> list[Validation]:  # fmt: skip
-    """Train a patch briefly in a place: per network, held-out random views with it, and with grey paper for `bare`.
+    """Train a patch briefly in a place, and measure it on held-out views; grey paper stands in for `bare`.
 
     In as many places as there are mounts, a mount for each sheet. Nothing of it is kept.
     """

@@ -46,7 +46,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Validation:
-    """One network's answer: the same images, bare and with the patch."""
+    """A network's accuracy on the same images without and with the patch."""
 
     network: str
     bare: Share
@@ -67,32 +67,31 @@ def validate_patch(
     patch: torch.Tensor, images: torch.Tensor, targets: list[Target], appearance: Appearance, seed: int, *,
     draws: int = DRAWS, advance: Callable[[int], None] = lambda count: None, corrupted: Corrupted | None = None,
 ) -> list[Validation]:  # fmt: skip
-    """Recognise images bare and with the patch in fresh random placements.
+    """Recognise images without the patch, and with the patch in new random placements.
 
     Args:
-        patch: (3, n, n) in [0, 1], as printed: rounded to 8 bits.
+        patch: (3, n, n) in [0, 1], rounded to 8 bits as in its file.
         images: (k, 3, s, s) uint8 sRGB, held out of training.
         targets: the networks.
-        appearance: what happens to the patch; drawn anew, never as in training.
+        appearance: transforms of the patch, drawn independently of the training.
         seed: of the run.
-        draws: placements in all; each image comes equally often, so that fewer images than this come several times
-            in the patched share, and once in the bare share.
+        draws: placements in all. Each image comes equally often in the patched share, and once in the bare share.
         advance: called with how many placements were just answered.
-        corrupted: how the photographs are corrupted, with the patch and bare alike.
+        corrupted: the same corruption of the photographs with and without the patch.
     """
     count = count_placements(len(images), draws)
     bare, patched = [0] * len(targets), [0] * len(targets)
-    # the middle, as the network's own preprocessing cuts it: bare images are judged as in an evaluation
+    # the middle, as the network's own preprocessing cuts it, as in an evaluation
     centres = cut_centres(images, targets[0].classifier.preprocessing.crop_px)
     with torch.inference_mode():
         for start in range(0, count, BATCH):
             which = torch.arange(start, min(start + BATCH, count), device=images.device)
             batch = centres[which % len(images)]
             photos = show_patch(patch, batch, appearance, Draws(seed, start, "validate"))
-            # images that come again in other placements are asked bare once: the answer would be the same
+            # without the patch an image is asked once: in other placements the answer would be the same
             fresh = which < len(images)
             if corrupted is not None:
-                # both from the same draw, so that bare and patched differ in the patch alone
+                # both from the same draw, so that they differ in the patch alone
                 photos, batch = (
                     corrupted.change(seen, Draws(seed, start, "validate").of("corrupted")) for seen in (photos, batch)
                 )
@@ -122,7 +121,7 @@ def list_shares(validations: list[Validation], where: str) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class WeatherValidation:
-    """Answers of a network to held-out views: the object in its own paint (`bare`) and in the texture (`patched`).
+    """A network's accuracy on held-out views: the unmodified object (`bare`), and in the texture (`patched`).
 
     Attributes:
         clear: as they are.
@@ -208,7 +207,7 @@ def _show_both(
     seeds = [int(n) for n in draws.of("fog").integers(1 << 62, size=len(views))]
     yield "fog", (corrupt(clear[0], "fog", FOG_SEVERITY, seeds), corrupt(clear[1], "fog", FOG_SEVERITY, seeds))
     if corrupted is not None:
-        # both from the same draw, so that bare and boosted differ in the paint alone
+        # both from the same draw, so that they differ in the paint alone
         always = corrupted.with_overrides(probability=1.0)
         yield "corrupted", (
             always.change(clear[0], draws.of("corrupted")), always.change(clear[1], draws.of("corrupted")),
@@ -224,6 +223,6 @@ def _show_in_weather(
     # once for both paints: what differs is the paint
     drawn = draw_weather(views, metres_per_unit, always, weather.rng(draws))
     factor, offset = (part.to(device) for part in drawn)
-    lights = np.stack([view.bare_light for view in views if view.bare_light is not None])
+    lights = np.stack([view.view.bare for view in views if view.view.bare is not None])
     bare = tone_map(torch.from_numpy(lights).to(device).float() * factor + offset).permute(0, 3, 1, 2)
     return bare, show_texture(texture, batch_views([view.view for view in views], device).through(factor, offset))

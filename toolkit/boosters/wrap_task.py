@@ -69,7 +69,7 @@ class WrappedObject(TexturedObject):
     misfit: Misfit | None
 
     def subject(self, at_real_size: bool = False) -> PaintableObject:
-        """What the view stream renders; each block sticks the pieces on another way."""
+        """The object for the view stream; each block sticks the pieces on another way."""
         perfect, spec = super().subject(at_real_size), self.item.spec
 
         def stick(draws: Draws) -> Mesh:
@@ -132,7 +132,7 @@ def open_plan(workspace: Workspace, item: TableObject, whole: bool = False) -> W
 
 @dataclass(frozen=True, kw_only=True)
 class TrainedWrap(TrainedBooster):
-    """What a run made.
+    """Result of a run.
 
     Attributes:
         wrap: pieces, canvas and record.
@@ -150,7 +150,7 @@ class TrainedWrap(TrainedBooster):
         }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
-        """What it is, how well it is recognised, and what comes next."""
+        """Lines on the wrap, its accuracy, and the next command."""
         record, files = self.wrap.record, self.files
         if self.was_finished:
             yield self.was_there()
@@ -238,7 +238,7 @@ def train_wrap(
 
     Args:
         config: every setting, see `make_config` and `RECIPES`.
-        networks: at least one network; the labels and preprocessing of the first lead.
+        networks: their labels and preprocessing; the first classifier's lead.
         workspace: whose folders and objects are used; a plan is made where the object has none.
         class_name: a label of the networks, an index, or a WordNet id; None: the class that the object's spec names.
         restart: forget what an earlier run left.
@@ -261,7 +261,7 @@ def train_wrap(
     )
     livery = None if config.start is None else read_livery(item, config.start, field="start")
     start = None if livery is None else draw_paint(wrap, livery.mesh)
-    inputs = load_inputs(config, [worn], None, networks[0], workspace, start)
+    inputs = load_inputs(config, [worn], None, targets[0].classifier, workspace, start)
     if livery is not None and not livery.is_trained and inputs.paint is not None:
         inputs = replace(inputs, paint=start)  # what people made is what the object shall look like
     folder = workspace.wraps_dir

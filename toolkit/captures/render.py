@@ -67,7 +67,7 @@ def render(
         if isinstance(booster, Texture):
             applied = TextureBooster(*named, texture=booster)
         else:
-            applied = PatchBooster(*named, item.spec.sizes_mm(booster.size_mm))
+            applied = PatchBooster(*named, item.spec.sizes_mm(booster.size_mm), margin=booster.record.margin)
     mesh = apply_booster(item, applied)
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
     lights = renderer.render_many((camera, pose.matrix()) for pose in poses)

@@ -36,6 +36,7 @@ from toolkit.imaging.printer import read_print_profile
 from toolkit.imaging.read import encode_image
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh
+from toolkit.objects.spec import Margin
 from toolkit.rig import PAIR
 from toolkit.rig.applied.base import AppliedBooster
 from toolkit.rig.board import Board
@@ -215,6 +216,7 @@ class ShootSettings:
         rehearsal: what print, hand and phone do to the shots; None: nothing.
         perfect: a wrap's pieces lie exactly in their places.
         coverage: share of what cameras see that a wrap's best pieces may cover, the others are left off; None: all.
+        margin: what is on the paper around a patch; None: what its record states.
     """
 
     seed: int = 0
@@ -226,10 +228,13 @@ class ShootSettings:
     rehearsal: Rehearsal | None = None
     perfect: bool = False
     coverage: float | None = None
+    margin: Margin | None = None
 
     def find_booster(self, workspace: Workspace, item: TableObject, variant: str) -> AppliedBooster | None:
         """What is put on an object; raises as `toolkit.rig.variants.find_booster`."""
         booster = find_booster(workspace, item, variant, perfect=self.perfect, seed=self.seed)
+        if booster is not None and self.margin is not None:
+            booster = replace(booster, margin=self.margin)
         return booster if self.coverage is None or booster is None else booster.covering(item, self.coverage)
 
 
@@ -452,7 +457,7 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
         ToolkitError: a variant, backdrop or light is unknown, or the patch is missing.
     """
     how = asdict(settings)
-    del how["perfect"], how["coverage"]  # said with the booster that they act on
+    del how["perfect"], how["coverage"], how["margin"]  # said with the booster that they act on
     for absent in [name for name in ("board", "rehearsal") if how[name] is None]:
         del how[absent]  # images from before there was one keep their hash
     if (version := RENDERERS[check_renderer(settings.renderer)].version) is not None:

@@ -12,6 +12,7 @@ from toolkit.core.errors import FieldError
 from toolkit.core.text import count_of, kept_before, quote
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
+from toolkit.objects.spec import Margin
 from toolkit.rig.renderers import RAYCAST, RENDERERS, check_starts
 
 if TYPE_CHECKING:
@@ -51,6 +52,11 @@ class SimulateConfig(Config):
     )
     perfect: Annotated[bool, Flag("--perfect")] = Field(
         False, description="Stick the pieces of a wrap exactly in their places, not a little beside."
+    )
+    margin: Annotated[Margin | None, Flag(metavar="white|bleed")] = Field(
+        None,
+        description="Show this paper around a patch: white, or bleed, which continues the print. Default: as the patch "
+        "was trained.",
     )
     image_format: Annotated[str, Flag("--format", metavar="jpg|png")] = Field("jpg", description="Of the images.")
     source: Annotated[str | None, Flag(metavar="NAME")] = Field(
@@ -164,8 +170,9 @@ def simulate_captures(
     rehearsal = make_rehearsal(config.print_profile) if config.rehearse else None
     light = config.light or ("side" if config.rehearse else "studio")
     settings = ShootSettings(
-        seed, config.backdrop, light, config.renderer, config.image_format, rehearsal=rehearsal, perfect=config.perfect
-    )
+        seed, config.backdrop, light, config.renderer, config.image_format, rehearsal=rehearsal, perfect=config.perfect,
+        margin=config.margin,
+    )  # fmt: skip
     from toolkit.rig.applied.tag import name_variant  # brings the renderer's parts, as below
 
     variants = [name_variant(variant) for variant in variants]

@@ -57,7 +57,8 @@ Variants = Annotated[
         "--variant",
         metavar="NAME",
         help="unpatched, patched, wrapped, textured; controls of the patch: wrong-patch, random-patch, grey-patch, "
-        "patch-alone; of the texture: random-texture, grey-texture; repeat for more. Default: unpatched and patched.",
+        "camouflage (what the sheet hides), patch-alone; of the texture: random-texture, grey-texture. Repeat for "
+        "more. Default: unpatched and patched.",
     ),
 ]
 RealSource = Annotated[str, typer.Option("--source", metavar="NAME", help="Folder below captures/.")]

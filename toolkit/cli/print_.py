@@ -103,7 +103,8 @@ def _report_patches(
             say("note: no room for the colour strip beside the patch: print it with 'toolkit print --colour-strip'")
         if printed:
             tiled = any(sheet.pages > 1 and sheet.tiles != (1, 1) for sheet in printed)
-            cut = "cut at the corner marks and tape the patch on as its arrow shows"
+            tape = "tape" if all(sheet.margin == "white" for sheet in printed) else "stick (with clear tape)"
+            cut = f"cut at the corner marks and {tape} the patch on as its arrow shows"
             say(f"next: {', '.join([AT_TRUE_SIZE, *([JOIN] if tiled else []), cut])}")
     if failed:
         raise typer.Exit(1 if printed else 2)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw
 
-from toolkit.captures.capture import Capture
+from toolkit.captures.capture import UNPATCHED, Capture
 from toolkit.captures.read import POOLED, read_captures
 from toolkit.captures.truth import ObjectMask, outline_captures
 from toolkit.core.console import progress
@@ -31,6 +31,7 @@ from toolkit.evaluation.metrics import (
     explain_pooling,
     group_images,
     index_poses,
+    name_booster,
     rank_variant,
 )
 from toolkit.evaluation.origin import Origin, find_origin
@@ -38,7 +39,7 @@ from toolkit.evaluation.page import write_page
 from toolkit.evaluation.prediction import Detection, Prediction
 from toolkit.evaluation.predictions_csv import encode_detections, make_detected
 from toolkit.evaluation.read_pixels import read_ahead, read_pixels
-from toolkit.evaluation.results import describe_unseen, find_training, list_corrupted
+from toolkit.evaluation.results import Training, describe_unseen, find_training, list_corrupted
 from toolkit.evaluation.run_files import DETECTIONS, explain_run_dir, find_run_dir, lacks_other_table, write_run
 from toolkit.evaluation.summaries import begin_summary
 from toolkit.models.detector import Detections, Detector, box_iou, detector_class
@@ -255,7 +256,8 @@ def evaluate_detector(
     wanted_dir = workspace.eval_dir / name
     run_dir = find_run_dir(wanted_dir, lacks_other_table(DETECTIONS, table), config.replace)
     training = find_training(wanted, workspace, detector.weights.sha256, hash_network_tensors(detector))
-    notes = (*folder.notes, *notes, *describe_unseen(detector.name, training), *explain_pooling(pairs))
+    notes = (*folder.notes, *notes, *describe_unseen(detector.name, training))
+    notes = (*notes, *describe_lost(detector.name, _pool(pairs), training), *explain_pooling(pairs))
     notes = (*notes, *explain_run_dir(wanted_dir, run_dir))
     origin = find_origin(folder, count_no_pairs(poses), detector)
     summary = {
@@ -377,11 +379,7 @@ def write_detection_report(path: Path, run: DetectionRun, detector: Detector) ->
 def describe_pairs(run: DetectionRun) -> list[str]:
     """Return the result of each source and variant in words."""
     lines = []
-    pooled = {group.source for group in run.groups if group.object == "all"}
-    for pair in run.pairs:
-        # a line for each source and variant: the pooled row if there are several objects
-        if (pair.object == "all") != (pair.source in pooled):
-            continue
+    for pair in _pool(run.pairs):
         found = pair.outcomes
         sure = "" if found.mcnemar_p < 0.05 else ", no significant change"
         lines.append(
@@ -389,6 +387,25 @@ def describe_pairs(run: DetectionRun) -> list[str]:
             f"{found.n_first}: {found.only_second} gained, {found.only_first} lost (p = {found.mcnemar_p:.2g}{sure})"
         )
     return lines
+
+
+def _pool(pairs: Sequence[Comparison]) -> list[Comparison]:
+    """Return a comparison for each source and two variants: the pooled one if there are several objects."""
+    pooled = {pair.source for pair in pairs if pair.object == POOLED}
+    return [pair for pair in pairs if (pair.object == POOLED) == (pair.source in pooled)]
+
+
+def describe_lost(network: str, pairs: Sequence[Comparison], training: Sequence[Training]) -> list[str]:
+    """Warn of each booster of other networks with which a detector finds the object in fewer images."""
+    of_others = {(booster.source, booster.variant) for booster in training if booster.networks and not booster.seen}
+    return [
+        f"{pair.source}: with {name_booster(pair.second)} {network} finds the object in {pair.outcomes.n_second} of "
+        f"{pair.outcomes.n} images, without it in {pair.outcomes.n_first}; the booster was trained on other networks. "
+        "Train it on this detector too: name both with --model"
+        for pair in pairs
+        if pair.first == UNPATCHED and (pair.source, pair.second) in of_others
+        and pair.outcomes.n_second < pair.outcomes.n_first
+    ]  # fmt: skip
 
 
 def draw_boxes(found: DetectedImage, detector: Detector) -> str | None:

@@ -88,13 +88,13 @@ class Detector(AnyNetwork, Protocol):
     def detect(self, images: Sequence[np.ndarray]) -> list[Detections]:
         """Find objects in (h, w, 3) uint8 sRGB images of any sizes."""
 
-    def losses(self, batch: "torch.Tensor", boxes: "torch.Tensor", class_index: int) -> "torch.Tensor":
+    def losses(self, batch: "torch.Tensor", boxes: "torch.Tensor", class_index: int | None) -> "torch.Tensor":
         """(b,) how badly it finds the class at the place: small where score and box fit; differentiable.
 
         Args:
             batch: (b, 3, h, w) sRGB-encoded in [0, 1], square, of `image_px`.
             boxes: (b, 4) x1, y1, x2, y2 of the object, in pixels of the batch.
-            class_index: class of the object.
+            class_index: class of the object; None: any class counts.
         """
 
 

@@ -3,17 +3,38 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json
-from toolkit.core.text import FolderName, Label, is_folder_name
+from toolkit.core.text import Label, is_folder_name, list_some
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.models.architectures import imagenet_labels, list_architectures
 from toolkit.models.labels import PYTHON_PREFIX, index_of_label, read_labels_file
-from toolkit.models.weights import SUFFIXES, check_named
+from toolkit.models.weights import SUFFIXES, check_named, weights_folder
+
+BUNDLED = "rig18"
+BUNDLED_DIR = PACKAGE_DATA / "classifiers"
+SETS_DIR = BUNDLED_DIR / "sets"
+DEFAULT_ARCH = "resnet18"
+OPEN_CLIP_PREFIX = "open_clip:"
+SUFFIX = ".safetensors"
+TIMM_PREFIX, TORCHVISION_PREFIX, ONNX_PREFIX = "timm:", "torchvision:", "onnx:"
+SET_PREFIX = "set:"
+"""Prefix of sets of networks, of the workspace or built in."""
+HF_PREFIX = "hf:"
+"""Prefix of networks of the Hugging Face hub, which bring their weights."""
+EXPORTED_SUFFIX = ".pt2"
 
 
 class ClassShare(BaseModel):
@@ -103,20 +124,35 @@ class Refinement(BaseModel):
     step: int
 
 
+def _check_member(name: str) -> str:
+    # a file names no code to run, and no file elsewhere
+    if not is_folder_name(name.removeprefix(TIMM_PREFIX)):
+        raise ValueError("expected the name of a network, or timm:NAME")
+    return name
+
+
 class NetworkSet(BaseModel):
     """`rig/classifiers/NAME.json`: networks that boosters are trained on together, under a common name.
 
     Attributes:
         name: name of the set.
-        networks: names of its networks, in files beside it.
-        inputs_sha256: hash of everything that decides the weights.
+        networks: names of its networks: files beside it or in TOOLKIT_WEIGHTS, published networks, `timm:NAME`.
+        turns: training steps of a round that use a network, by its name; 1 if it is not listed.
+        inputs_sha256: hash of everything that decides the weights; None if the set was not made by a training.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     schema_version: Literal[1] = 1
     name: str
-    networks: list[FolderName] = Field(min_length=2)
-    inputs_sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    networks: list[Annotated[str, AfterValidator(_check_member)]] = Field(min_length=2)
+    turns: dict[str, Annotated[int, Field(ge=1, le=100)]] = {}
+    inputs_sha256: str | None = Field(None, pattern=r"^[0-9a-f]{64}$")
+
+    @model_validator(mode="after")
+    def _check_turns(self) -> "NetworkSet":
+        if strange := set(self.turns) - set(self.networks):
+            raise ValueError(f"turns: {', '.join(sorted(strange))}: expected names that 'networks' lists")
+        return self
 
 
 class ClassifierRecord(BaseModel):
@@ -165,17 +201,6 @@ class ClassifierRecord(BaseModel):
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         optional = ("channels", "squash", "refined")
         return {name: value for name, value in dump(self).items() if name not in optional or value is not None}
-
-
-BUNDLED = "rig18"
-BUNDLED_DIR = PACKAGE_DATA / "classifiers"
-DEFAULT_ARCH = "resnet18"
-OPEN_CLIP_PREFIX = "open_clip:"
-SUFFIX = ".safetensors"
-TIMM_PREFIX, TORCHVISION_PREFIX, ONNX_PREFIX = "timm:", "torchvision:", "onnx:"
-HF_PREFIX = "hf:"
-"""Prefix of networks of the Hugging Face hub, which bring their weights."""
-EXPORTED_SUFFIX = ".pt2"
 
 
 @dataclass(frozen=True)
@@ -243,21 +268,51 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
 
 
 def read_set(name: str, folder: Path | None) -> NetworkSet | None:
-    """Read the set of networks of that name in `folder`, if there is any.
+    """Read the set of networks of that name in `folder`, or by `set:NAME` a built-in set too; None if there is none.
 
     Raises:
-        ToolkitError: its file is damaged.
+        ToolkitError: its file is damaged, or there is no such set.
     """
-    file = None if folder is None or not is_folder_name(name) else folder / f"{name}.json"
-    if file is None or not file.is_file() or name in list_own(folder) or name in list_architectures():
+    plain = name.removeprefix(SET_PREFIX)
+    if not is_folder_name(plain):
         return None
-    return read_json(file, NetworkSet)
+    file = None if folder is None else folder / f"{plain}.json"
+    if file is not None and file.is_file() and plain not in list_own(folder) and plain not in list_architectures():
+        return read_json(file, NetworkSet)
+    if name == plain:
+        return None
+    if not (built_in := SETS_DIR / f"{plain}.json").is_file():
+        raise one_of("model", name, [f"{SET_PREFIX}{path.stem}" for path in sorted(SETS_DIR.glob("*.json"))])
+    return read_json(built_in, NetworkSet)
 
 
-def expand_sets(models: Sequence[str] | None, folder: Path | None) -> list[str]:
-    """Replace each set by the names of its networks; a `ToolkitError` if its file is damaged."""
-    found = [(name, read_set(name, folder)) for name in models or ()]
-    return [network for name, several in found for network in ([name] if several is None else several.networks)]
+def expand_sets(models: Sequence[str] | None, folder: Path | None) -> list[tuple[str, int]]:
+    """(name, training steps of a round) of each network; a set stands for its networks.
+
+    Raises:
+        ToolkitError: a set's file is damaged, there is no such set, or files of its networks are missing.
+    """
+    found: list[tuple[str, int]] = []
+    for name in models or ():
+        several = read_set(name, folder)
+        if several is None:
+            found.append((name, 1))
+            continue
+        places = {member: _find_member(member, folder) for member in several.networks}
+        if missing := [f"{member}.onnx" for member, place in places.items() if place is None]:
+            expected = f"is without {list_some(missing, 8)}: put the files into rig/classifiers, or into the folder "
+            raise FieldError(f"{expected}that TOOLKIT_WEIGHTS names", {"model": name})
+        found += [(place, several.turns.get(member, 1)) for member, place in places.items() if place is not None]
+    return found
+
+
+def _find_member(name: str, folder: Path | None) -> str | None:
+    """The value of `--model` for a network of a set; None if its file is missing."""
+    if name.startswith(TIMM_PREFIX) or name in list_own(folder) or name in list_architectures():
+        return name
+    weights = weights_folder()
+    file = None if weights is None else weights / f"{name}.onnx"
+    return None if file is None or not file.is_file() else f"{ONNX_PREFIX}{file}"
 
 
 def brings_weights(model: str, folder: Path | None = None) -> bool:

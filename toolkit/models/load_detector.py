@@ -130,14 +130,14 @@ class DenseDetector:
         found = np.clip(found, 0, np.array([shape[1], shape[0]] * 2, np.float32))
         return Detections(found.astype(np.float32), classes[order].cpu().numpy(), best[order].float().cpu().numpy())
 
-    def losses(self, batch: torch.Tensor, boxes: torch.Tensor, class_index: int) -> torch.Tensor:
+    def losses(self, batch: torch.Tensor, boxes: torch.Tensor, class_index: int | None) -> torch.Tensor:
         """(b,) mean of −log score of the class plus the box's generalised-IoU loss, over the ten best places.
 
         The places are weighted by the IoU of their boxes with the object. The gradient raises the class's score there,
         and pulls the boxes to the object (Angelic Patches, CVPR 2023, for dense detectors).
         """
         found, scores = self.predict(batch)
-        boxes = boxes.to(found)
+        scores, boxes = scores.amax(-1) if class_index is None else scores[..., class_index], boxes.to(found)
         terms = []
         for k in range(len(batch)):
             # places are chosen without a gradient; if no box overlaps, they count alike
@@ -145,7 +145,7 @@ class DenseDetector:
             weight, places = fit.topk(min(10, len(fit)))
             weight = (weight + 1e-3) / (weight + 1e-3).sum()
             # at 0 a logarithm has no slope
-            score = scores[k, places, class_index].clamp_min(1e-6)
+            score = scores[k, places].clamp_min(1e-6)
             misfit = torchvision.ops.generalized_box_iou_loss(found[k, places], boxes[k].expand(len(places), 4))
             terms.append((weight * (misfit - score.log())).sum())
         return torch.stack(terms)
@@ -176,8 +176,13 @@ class TorchvisionDetector:
             found.append(Detections(boxes.astype(np.float32), classes, scores.astype(np.float32)))
         return found
 
-    def losses(self, batch: torch.Tensor, boxes: torch.Tensor, class_index: int) -> torch.Tensor:
-        """(b,) the network's own training loss for the object as the only truth."""
+    def losses(self, batch: torch.Tensor, boxes: torch.Tensor, class_index: int | None) -> torch.Tensor:
+        """(b,) the network's own training loss for the object as the only truth.
+
+        For any class: minus the logarithm of the best score among boxes that overlap the object by half.
+        """
+        if class_index is None:
+            return self._miss(batch, boxes)
         terms = []
         # torchvision's detectors give losses in training mode alone
         self.module.train()
@@ -193,6 +198,16 @@ class TorchvisionDetector:
                 terms.append(torch.stack(list(self.module([batch[k]], [target]).values())).sum())
         finally:
             self.module.eval()
+        return torch.stack(terms)
+
+    def _miss(self, batch: torch.Tensor, boxes: torch.Tensor) -> torch.Tensor:
+        """(b,) minus the logarithm of the best score at the object, whatever its class."""
+        terms = []
+        for seen, box in zip(self.module(list(batch)), boxes.to(batch), strict=True):
+            is_there = torchvision.ops.box_iou(seen["boxes"].detach(), box[None])[:, 0] >= 0.5
+            # a score that is always there: without a box the loss is that of a very weak one
+            scores = torch.cat([seen["scores"][is_there], batch.new_full((1,), 1e-6)])
+            terms.append(-scores.max().log())
         return torch.stack(terms)
 
 

@@ -112,6 +112,7 @@ class Classifier:
         trained_on: training data in a few words, from its record.
         untrainable: why no gradient leads back to the image, so that nothing can be trained against it; else empty.
         notes: remarks for a reader of its results, a sentence each.
+        turns: training steps of a round that use it, if several networks train by turns.
     """
 
     arch: str
@@ -125,6 +126,7 @@ class Classifier:
     trained_on: str = ""
     untrainable: str = ""
     notes: tuple[str, ...] = ()
+    turns: int = 1
 
     def __post_init__(self) -> None:
         if not self.name:

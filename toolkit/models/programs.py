@@ -303,6 +303,8 @@ def _read_description(path: Path) -> tuple[LabelsFile, tuple[str, ...]]:
         f"{path.name}: no 'mean' and 'std' in a {path.with_suffix('.toml').name} beside it: its images are "
         "normalised by ImageNet's; if it was trained with others, its answers are wrong"
     )
+    if own.resize_px is None:
+        note += "; state 'resize_px' and 'crop_px' too if its authors cut out the middle, as most ImageNet networks do"
     # printed in quiet too, as it can cost half of the accuracy
     errors.print(note, markup=False, soft_wrap=True)
     return own, (note,)

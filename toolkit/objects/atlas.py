@@ -329,17 +329,27 @@ def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
             texel = row * n + column
             seen = _weigh_corners(weights, own_uv[some])
             weight = np.repeat(area[some] / len(weights), len(weights))
-            colour = np.empty((*texel.shape, 3))
-            for k in np.unique(material[some]):
-                of_it = material[some] == k
-                texture = mesh.materials[k].texture
-                colour[of_it] = LINEAR_OF_CODE[texture[_texel_at(seen[of_it], *texture.shape[:2])]]
+            colour = _look_up(mesh, some, seen)
             for channel in range(3):
                 light[:, channel] += np.bincount(texel.ravel(), weight * colour[..., channel].ravel(), n * n)
             hits += np.bincount(texel.ravel(), weight, n * n)
     found = hits.reshape(n, n) > 0
     mean = light / np.where(hits, hits, 1)[:, None]
     return np.round(linear_to_srgb(mean[nearest_covered(found)]) * 255).astype(np.uint8)
+
+
+def look_up_paint(mesh: Mesh, faces: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(k, 3) linear light of an object's own paint in (k,) faces, at (k, 3) weights of their corners."""
+    return _look_up(mesh, faces, np.einsum("kc,kci->ki", weights, mesh.uv[mesh.faces[faces]].astype(np.float64)))
+
+
+def _look_up(mesh: Mesh, faces: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """(k, ..., 3) linear light at (k, ..., 2) texture coordinates in (k,) faces."""
+    colour = np.empty((*uv.shape[:-1], 3))
+    for k in np.unique(mesh.face_material[faces]):
+        of_it, texture = mesh.face_material[faces] == k, mesh.materials[k].texture
+        colour[of_it] = LINEAR_OF_CODE[texture[_texel_at(uv[of_it], *texture.shape[:2])]]
+    return colour
 
 
 def _weigh_corners(weights: np.ndarray, corner_uv: np.ndarray) -> np.ndarray:

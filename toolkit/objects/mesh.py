@@ -471,5 +471,12 @@ def cast_rays(scene: "RaycastingScene", rays: np.ndarray) -> np.ndarray:
 
     Rays without a hit have inf.
     """
+    return find_hits(scene, rays)[0]
+
+
+def find_hits(scene: "RaycastingScene", rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What rays meet first: `cast_rays`, (...) int64 faces, and (..., 3) weights of their corners there."""
     o3d = load_open3d()
-    return scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(rays, np.float32)))["t_hit"].numpy()
+    found = scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(rays, np.float32)))
+    distance, face, at = (found[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_uvs"))
+    return distance, face.astype(np.int64), np.concatenate([1 - at.sum(axis=-1, keepdims=True), at], axis=-1)

@@ -24,7 +24,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_bytes, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.text import FileName, Label
 from toolkit.imaging.read import UnreadableImage, encode_image, open_image
-from toolkit.objects.spec import printed_size_mm
+from toolkit.objects.spec import Margin, printed_size_mm
 
 SHA256 = r"^[0-9a-f]{64}$"
 MOST_RECORDED_BYTES = 1 << 30
@@ -139,13 +139,28 @@ def read_picture(png_file: Path, model: type[Record], command: str) -> tuple[np.
 
 
 TAPE_MARGIN_MM = 5.0
-"""White paper that is left around a patch for the tape."""
+"""Paper around a patch for the tape."""
+
+
+def mirror(n_px: int, margin_px: int) -> np.ndarray:
+    """(n + 2 margin) rows or columns of a picture that goes on over a margin, mirrored at its edges."""
+    return np.pad(np.arange(n_px), margin_px, mode="symmetric")
 
 
 class PatchRecord(BoosterRecord):
-    """Record of a patch: the fields of `BoosterRecord` and its side on paper at the default scale, millimetres."""
+    """Record of a patch: the fields of `BoosterRecord` and its paper.
+
+    Attributes:
+        size_mm: side of the patch at the default scale.
+        margin: what is on the paper around it; not written if it is white.
+    """
 
     size_mm: float = Field(gt=0)
+    margin: Margin = "white"
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in dump(self).items() if name != "margin" or value != "white"}
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,8 @@ def printed_size_mm(n_px: int, dpi: float = BASE_DPI, scale: float = SCALE) -> f
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Side = Literal["top", "front", "back", "left", "right"]
+Margin = Literal["white", "bleed"]
+"""What is on the paper around a patch: nothing, or the patch mirrored at its edges, for clear tape."""
 Material = Literal["paper", "film", "vinyl"]
 STRETCH: dict[Material, float] = {"paper": 0.01, "film": 0.03, "vinyl": 0.08}
 """Largest stretch of a piece before it tears or wrinkles."""

@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from toolkit.core.config import Config, Flag, Joined
 from toolkit.core.errors import FieldError
-from toolkit.objects.spec import BASE_DPI, SCALE
+from toolkit.objects.spec import BASE_DPI, SCALE, Margin
 from toolkit.printing.page import LARGEST_MM, SMALLEST_MM, Orientation, Paper, parse_paper
 
 MOST_COPIES = 1000
@@ -69,6 +69,11 @@ class PrintSettings(Config):
     )
     margin_mm: Annotated[float, Field(ge=0, le=WIDEST_MARGIN_MM), Flag(group=PAGE)] = Field(
         5.0, description="Width of the white paper around the patch, for the tape. It lies inside the cut line."
+    )
+    margin: Annotated[Margin | None, Flag(metavar="white|bleed", group=PAGE)] = Field(
+        None,
+        description="Print this on the paper around the patch: white leaves it free, bleed continues the print. Use "
+        "clear tape with bleed.  [default: as the patch was trained]",
     )
     paper: Annotated[AnyPaper, Flag(metavar="SIZE", group=PAGE, typed=str)] = Field(
         parse_paper("a4"), description="a0 to a5, b3 to b5, letter, legal, tabloid, or a size such as 200x300mm."

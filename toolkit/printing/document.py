@@ -1,5 +1,6 @@
 """A patch to the bytes of a print-ready PDF, and which objects it is stuck on at which size."""
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,8 +11,8 @@ import numpy as np
 from reportlab.pdfbase.pdfdoc import PDFResourceDictionary
 
 from toolkit.core.errors import FieldError
-from toolkit.objects.records import Patch, PatchRecord, printed_size_mm
-from toolkit.objects.spec import BASE_DPI, MM_PER_INCH, SCALE, Side
+from toolkit.objects.records import Patch, PatchRecord, mirror, printed_size_mm
+from toolkit.objects.spec import BASE_DPI, MM_PER_INCH, SCALE, Margin, Side
 from toolkit.printing import PrintSettings
 from toolkit.printing.canvas import Pdf
 from toolkit.printing.marks import (
@@ -97,14 +98,15 @@ def effective_percent(n_px: int, side_mm: float, dpi: float) -> float:
 
 @dataclass(frozen=True)
 class PrintPlan(PagePlan):
-    """Every page of a patch's file: the patch's side, and the white paper round it."""
+    """Every page of a patch's file: the patch's side, and the paper round it."""
 
     side_mm: float
     margin_mm: float
+    margin: Margin
 
     @property
     def cut_mm(self) -> float:
-        """Side of patch and white margin."""
+        """Side of the sheet that is cut out: patch and margin."""
         return self.side_mm + 2 * self.margin_mm
 
     @property
@@ -113,7 +115,7 @@ class PrintPlan(PagePlan):
         return any(isinstance(page, CopiesPage) and page.strip is not None for page in self.pages)
 
 
-def plan_pages(side_mm: float, settings: PrintSettings) -> PrintPlan:
+def plan_pages(side_mm: float, settings: PrintSettings, margin: Margin = "white") -> PrintPlan:
     """Lay out a patch of that side, with the colour strip beside it if that takes no further page.
 
     Raises:
@@ -128,7 +130,7 @@ def plan_pages(side_mm: float, settings: PrintSettings) -> PrintPlan:
         if packed and len(packed) == len(pages):
             pages = tuple(replace(page, strip=place) for page in packed)
             break
-    return PrintPlan(plan.frame, pages, side_mm, settings.margin_mm)
+    return PrintPlan(plan.frame, pages, side_mm, settings.margin_mm, settings.margin or margin)
 
 
 HASH_DIGITS = 12
@@ -220,7 +222,7 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
     settled = [settings if states or size is None else settings.with_overrides(size_mm=size) for size in sizes]
     sides_mm = [measure_side_mm(record.n_px, settings) for settings in settled]
     # layout and words of each sheet
-    plans = [plan_pages(side_mm, settings) for side_mm, settings in zip(sides_mm, settled, strict=True)]
+    plans = [plan_pages(side_mm, each, record.margin) for side_mm, each in zip(sides_mm, settled, strict=True)]
     labels = [compose_label(record, side_mm, settings) for side_mm, settings in zip(sides_mm, settled, strict=True)]
     keywords = {
         "class": record.class_name, "size_mm": "+".join(f"{side_mm:.3f}" for side_mm in sides_mm), "n_px": record.n_px,
@@ -229,21 +231,35 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
     title = f"{record.class_name} patch, {say_sizes(sides_mm)}"
     subject = f"{labels[0].title}: {' and '.join(label.size for label in labels)}"
     pdf = Pdf(plans[0].frame.paper, title, subject, keywords)
-    define_patch(pdf, patch.pixels)
+    # a picture for all sheets, with as many mirrored texels as the widest margin shows
+    bleed_px = max(math.ceil(plan.margin_mm / plan.side_mm * record.n_px) for plan in plans)
+    shown = mirror(record.n_px, bleed_px if plans[0].margin == "bleed" else 0)
+    define_patch(pdf, patch.pixels[shown][:, shown])
     number, total = 1, sum(len(plan.pages) for plan in plans)
     for index, (plan, label) in enumerate(zip(plans, labels, strict=True)):
         name = record.name if wearer is None else wearer.name_sheet(index)
         side: Side = "top" if wearer is None else wearer.sides[index]
-        sheet = _describe_sheet(pdf, plan, record.n_px, label, name, side)
+        sheet = _describe_sheet(pdf, plan, record.n_px, len(shown), label, name, side)
         which = f"sheet {index + 1} of {len(plans)}, " if len(plans) > 1 else ""
         draw_pages(pdf, plan, sheet, number, total, which, plan.frame.paper if len(plans) > 1 else None)
         number += len(plan.pages)
     return PrintedDocument(pdf.finish(), tuple(plans))
 
 
-def _describe_sheet(pdf: Pdf, plan: PrintPlan, n_px: int, label: PatchLabel, name: str, at: Side) -> SheetDrawing:
+def _describe_sheet(
+    pdf: Pdf, plan: PrintPlan, n_px: int, shown_px: int, label: PatchLabel, name: str, at: Side
+) -> SheetDrawing:
+    """The patch with its margin and words; `shown_px` texels are stored, with those of the margin."""
+
     def draw(x: float, y: float) -> None:
-        place_patch(pdf, x + plan.margin_mm, y + plan.margin_mm, plan.side_mm, n_px)
-        draw_margin_words(pdf, Rect(x, y, plan.cut_mm, plan.cut_mm), plan.margin_mm, name, at)
+        cut, shown_mm = Rect(x, y, plan.cut_mm, plan.cut_mm), plan.side_mm * shown_px / n_px
+        if plan.margin == "bleed":
+            with pdf.clipped([[(x, y), (cut.right, y), (cut.right, cut.top), (x, cut.top)]]):
+                around = cut.centre(shown_mm, shown_mm)
+                place_patch(pdf, around.x, around.y, shown_mm, shown_px)
+        else:
+            place_patch(pdf, x + plan.margin_mm, y + plan.margin_mm, shown_mm, shown_px)
+        # a printed margin has no room for words: they stand below the cut line
+        draw_margin_words(pdf, cut, 0 if plan.margin == "bleed" else plan.margin_mm, name, at)
 
     return SheetDrawing(label, CUT_IT if plan.tiles == (1, 1) else JOIN_IT, draw, at=at)

@@ -14,7 +14,7 @@ from toolkit.imaging.printer import PrintScores, score_print
 from toolkit.objects.find_patch import find_patch_file
 from toolkit.objects.load import load_object
 from toolkit.objects.records import PatchRecord, read_patch
-from toolkit.objects.spec import BASE_DPI, ObjectSpec, Side, read_spec
+from toolkit.objects.spec import BASE_DPI, Margin, ObjectSpec, Side, read_spec
 from toolkit.printing import PrintSettings
 from toolkit.printing.document import Wearer, build_pdf, effective_percent, is_same_size, say_sizes
 from toolkit.rig.fit import describe_misfits
@@ -123,7 +123,7 @@ class PrintedPatch:
     Attributes:
         file: the PDF.
         name, class_name, patch_sha256, n_px: identity of the patch.
-        size_mm, cut_mm: sides of the patch and of the sheet with its white margin.
+        size_mm, cut_mm: sides of the patch and of the sheet with its margin.
         scale_percent: scale of the patch's size at `dpi`.
         paper, orientation, copies, pages: the pages.
         tiles: rows and columns of pages of a copy, [1, 1] if it fits on a page.
@@ -131,6 +131,7 @@ class PrintedPatch:
         object: object that it was printed for, if any.
         colour_strip: whether the colour strip is beside the patch.
         sheets: sheets of an object that has several.
+        margin: `white`, or `bleed` if the patch goes on over the margin.
         total_variation, non_printability: see `toolkit.imaging.printer.PrintScores`.
     """
 
@@ -154,6 +155,7 @@ class PrintedPatch:
     non_printability: float
     object: str | None = None
     sheets: tuple[PrintedSheet, ...] = ()
+    margin: Margin = "white"
 
     @property
     def sizes_mm(self) -> tuple[float, ...]:
@@ -161,9 +163,9 @@ class PrintedPatch:
         return tuple(sheet.size_mm for sheet in self.sheets) or (self.size_mm,)
 
     def as_json(self) -> dict[str, Any]:
-        """Return all fields; `sheets` only of an object that has several."""
-        fields = asdict(self)
-        return fields if self.sheets else {name: value for name, value in fields.items() if name != "sheets"}
+        """Return all fields; `sheets` only of an object that has several, `margin` only if it is printed."""
+        usual = {"sheets": (), "margin": "white"}
+        return {name: value for name, value in asdict(self).items() if usual.get(name) != value}
 
     def describe(self) -> str:
         """Return the file, size and number of pages in a line."""
@@ -176,7 +178,8 @@ class PrintedPatch:
         if self.sheets:
             each = (f"{number} on its {sheet.at} {sheet.size_mm:.1f} mm" for number, sheet in enumerate(self.sheets, 1))
             size = f"{len(self.sheets)} sheets, {', '.join(each)}"
-        return f"{shorten(self.file)}{target}: {size}{copies}, {pages}{tiles}"
+        margin = "" if self.margin == "white" else ", printed over the margin (use clear tape)"
+        return f"{shorten(self.file)}{target}: {size}{margin}{copies}, {pages}{tiles}"
 
     def describe_scores(self) -> str:
         """Say in a line how the patch will come out of the printer."""
@@ -229,7 +232,7 @@ def print_patch(
         dpi=settings.dpi or BASE_DPI, paper=plan.frame.paper.name, orientation=plan.frame.paper.orientation,
         copies=settings.copies, pages=sum(len(plan.pages) for plan in plans), tiles=plan.tiles,
         recorded_mm=record.size_mm, colour_strip=any(plan.has_strip for plan in plans),
-        object=wearer.object if wearer else None, sheets=tuple(sheets) if len(sheets) > 1 else (),
+        object=wearer.object if wearer else None, sheets=tuple(sheets) if len(sheets) > 1 else (), margin=plan.margin,
         **{key: round(score, 4) for key, score in asdict(score_print(patch.pixels)).items()},
     )  # fmt: skip
 

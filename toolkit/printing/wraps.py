@@ -212,7 +212,7 @@ def print_wrap(
     """
     settings, wanted = settings or PrintSettings(), wanted or WrapSettings()
     why = "belongs to patches: a wrap has the size of its object"
-    settings.refuse(why, "scale_percent", "dpi", "size_mm", "copies", "margin_mm")
+    settings.refuse(why, "scale_percent", "dpi", "size_mm", "copies", "margin_mm", "margin")
     wrap = read_wrap(workspace.wrap(name))
     item = load_object(workspace.object_spec(wrap.record.object))
     check_wrap(wrap, item)

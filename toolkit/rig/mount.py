@@ -9,8 +9,8 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh, cast_rays, make_ray_scene, merge_meshes
-from toolkit.objects.records import TAPE_MARGIN_MM
-from toolkit.objects.spec import PatchMount
+from toolkit.objects.records import TAPE_MARGIN_MM, mirror
+from toolkit.objects.spec import Margin, PatchMount
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
@@ -42,12 +42,32 @@ class MountedSheet:
     """A mounted sheet."""
 
     mesh: Mesh  # the sheet's two faces; materials `paper` (printed) and `paper-back` (white)
-    size_mm: float  # side of the patch, without the white margin around it
+    size_mm: float  # side of the patch, without the margin around it
     T_object_sheet: np.ndarray  # (4, 4), the sheet's own frame before bending: x right, y up, z off the surface
+
+    def show(self, pixels: np.ndarray, margin: Margin = "white") -> "MountedSheet":
+        """The same sheet with other pixels (n, n, 3) uint8 sRGB printed on it."""
+        paper, back = self.mesh.materials
+        printed = replace(paper, texture=print_on_paper(pixels, self.size_mm, margin))
+        return replace(self, mesh=replace(self.mesh, materials=(printed, back)))
+
+    def points(self, across: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(k, 3) places on the printed face, and its normals there, at (k,) shares of the sheet's sides."""
+        edges = [array[: 2 * SAMPLES].reshape(SAMPLES, 2, -1) for array in (self.mesh.vertices, self.mesh.normals)]
+        # the first half of the vertices is the front: along the bend, and at both straight edges
+        run, rule = (across, up) if self.mesh.uv[0, 0] == self.mesh.uv[1, 0] else (up, across)
+        at = run * (SAMPLES - 1)
+        first = np.clip(at.astype(np.int64), 0, SAMPLES - 2)
+        blend, rule = (at - first)[:, None, None], rule[:, None]
+        found = []
+        for edge in edges:
+            lines = edge[first] * (1 - blend) + edge[first + 1] * blend
+            found.append(lines[:, 0] * (1 - rule) + lines[:, 1] * rule)
+        return found[0], found[1] / np.linalg.norm(found[1], axis=1, keepdims=True)
 
 
 def mount_patch(
-    mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMount, name: str = "object"
+    mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMount, name: str = "object", margin: Margin = "white"
 ) -> MountedSheet:
     """Stick a printed sheet on a side of an object.
 
@@ -56,13 +76,15 @@ def mount_patch(
 
     Args:
         pixels: (n, n, 3) uint8 sRGB; row 0 is the sheet's upper edge.
+        margin: what is on the paper around the patch.
 
     Raises:
         ToolkitError: the patch is over half of the object's longest side, or there is no surface below it.
     """
     scene = make_ray_scene(mesh)
     laid = lay_sheet(mesh, size_mm, mount, name, lambda T_object_sheet, side: cast_heights(scene, T_object_sheet, side))
-    sheet = _sheet_mesh(laid.points, laid.along_right, laid.T_object_sheet, pixels, size_mm)
+    paper = print_on_paper(pixels, size_mm, margin)
+    sheet = _sheet_mesh(laid.points, laid.along_right, laid.T_object_sheet, paper)
     return MountedSheet(sheet, size_mm, laid.T_object_sheet)
 
 
@@ -108,8 +130,9 @@ def lay_sheet(mesh: Mesh, size_mm: float, mount: PatchMount, name: str, find_hei
 
 
 def mount_sheets(
-    mesh: Mesh, pixels: np.ndarray, mounts: Sequence[PatchMount], sizes_mm: Sequence[float], name: str = "object"
-) -> list[MountedSheet]:
+    mesh: Mesh, pixels: np.ndarray, mounts: Sequence[PatchMount], sizes_mm: Sequence[float], name: str = "object",
+    margin: Margin = "white",
+) -> list[MountedSheet]:  # fmt: skip
     """Stick the same patch on an object in several places, each as `mount_patch` does.
 
     Args:
@@ -119,7 +142,7 @@ def mount_sheets(
         ToolkitError: a sheet cannot be mounted, or two overlap.
     """
     sheets = [
-        mount_patch(mesh, pixels, size_mm, mount, name if len(mounts) == 1 else f"{name}, sheet {number}")
+        mount_patch(mesh, pixels, size_mm, mount, name if len(mounts) == 1 else f"{name}, sheet {number}", margin)
         for number, (mount, size_mm) in enumerate(zip(mounts, sizes_mm, strict=True), 1)
     ]
     # every pair is tested: mounts are few
@@ -178,12 +201,12 @@ def wear_sheets(mesh: Mesh, sheets: Sequence[MountedSheet]) -> tuple[Mesh, np.nd
     return merge_meshes([mesh, *shared]), paper.texture
 
 
-def make_flat_sheet(pixels: np.ndarray, size_mm: float) -> Mesh:
+def make_flat_sheet(pixels: np.ndarray, size_mm: float, margin: Margin = "white") -> Mesh:
     """A printed sheet alone on the table, its middle at the origin, right towards +x."""
     side = size_mm + 2 * TAPE_MARGIN_MM
     steps = np.linspace(-side / 2, side / 2, SAMPLES)
     points = _unroll(steps, np.full(SAMPLES, CLEARANCE_MM), True, side)
-    return _sheet_mesh(points, True, np.eye(4), pixels, size_mm)
+    return _sheet_mesh(points, True, np.eye(4), print_on_paper(pixels, size_mm, margin))
 
 
 def attach(mesh: Mesh, *sheets: MountedSheet) -> Mesh:
@@ -308,9 +331,7 @@ def _unroll(across: np.ndarray, height: np.ndarray, along_right: bool, side: flo
     return np.stack([curve, rule, lift] if along_right else [rule, curve, lift], axis=-1)
 
 
-def _sheet_mesh(
-    points: np.ndarray, along_right: bool, T_object_sheet: np.ndarray, pixels: np.ndarray, size_mm: float
-) -> Mesh:
+def _sheet_mesh(points: np.ndarray, along_right: bool, T_object_sheet: np.ndarray, paper: np.ndarray) -> Mesh:
     place = points @ T_object_sheet[:3, :3].T + T_object_sheet[:3, 3]
     tangent = np.gradient(place, axis=0)
     ruling = np.broadcast_to(place[:, 1:] - place[:, :1], place.shape)
@@ -326,7 +347,7 @@ def _sheet_mesh(
     front = Mesh(
         vertices=place, normals=normals, uv=uv, faces=faces.astype(np.int32),
         face_material=np.zeros(len(faces), np.int32),
-        materials=(Material(PAPER_MATERIAL, print_on_paper(pixels, size_mm), roughness=0.75),),
+        materials=(Material(PAPER_MATERIAL, paper, roughness=0.75),),
     )  # fmt: skip
     back = replace(
         front, vertices=front.vertices - front.normals * np.float32(0.15), normals=-front.normals,
@@ -337,13 +358,16 @@ def _sheet_mesh(
 
 
 def size_on_paper(n_px: int, size_mm: float) -> tuple[int, int]:
-    """Texels of the sheet's picture for each pixel of a patch, and for the white margin."""
+    """Texels of the sheet's picture for each pixel of a patch, and for the margin."""
     repeat = max(1, round(512 / n_px))
     return repeat, round(TAPE_MARGIN_MM / size_mm * n_px * repeat)
 
 
-def print_on_paper(pixels: np.ndarray, size_mm: float) -> np.ndarray:
-    """The sheet's picture: whole patch pixels with crisp edges on white paper, (m, m, 3) uint8 sRGB."""
-    repeat, margin = size_on_paper(len(pixels), size_mm)
+def print_on_paper(pixels: np.ndarray, size_mm: float, margin: Margin = "white") -> np.ndarray:
+    """The sheet's picture: whole patch pixels with crisp edges on paper, (m, m, 3) uint8 sRGB."""
+    repeat, margin_px = size_on_paper(len(pixels), size_mm)
     crisp = pixels.repeat(repeat, axis=0).repeat(repeat, axis=1)
-    return np.stack([np.pad(crisp[..., c], margin, constant_values=PAPER[c]) for c in range(3)], axis=-1)
+    if margin == "bleed":
+        which = mirror(len(crisp), margin_px)
+        return crisp[which][:, which]
+    return np.stack([np.pad(crisp[..., c], margin_px, constant_values=PAPER[c]) for c in range(3)], axis=-1)

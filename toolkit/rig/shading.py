@@ -108,6 +108,7 @@ class LinearView:
     lod: np.ndarray  # (k,) float32 base-2 logarithm of the texture's texels per pixel there
     gain: np.ndarray  # (k, 3) float32 light that white texels bring to the pixel
     depth: DepthBuffer | None = None  # of what is seen, where it was asked for
+    bare: np.ndarray | None = None  # (h, w, 3) float16 light of the object without a booster, where it was asked for
 
     @property
     def share(self) -> np.ndarray:
@@ -118,7 +119,7 @@ class LinearView:
     @property
     def sha256(self) -> str:
         """Hash of all buffers of light."""
-        arrays = (array for name, array in vars(self).items() if name != "depth")
+        arrays = (array for name, array in vars(self).items() if name not in ("depth", "bare"))
         return sha256_bytes("".join(sha256_bytes(array.tobytes()) for array in arrays).encode())
 
     def packed(self) -> "LinearView":

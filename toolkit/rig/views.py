@@ -220,13 +220,11 @@ class RenderedView:
     subject: int  # number of the object that it shows
     view: LinearView  # what is seen, linear in the colours of the object's texture
     bare: np.ndarray | None  # (s, s, 3) uint8 sRGB, the object in its own paint, where that was asked for
-    # (s, s, 3) float16 the same in linear light, where depth was asked for as well
-    bare_light: np.ndarray | None = None
 
 
 def render_block(
     subjects: tuple[PaintableObject, ...], settings: ViewSettings, seed: int, kind: str, block: int, *,
-    setting: Setting = IN_STUDIO, with_depth: bool = False, threads: int | None = 1,
+    setting: Setting = IN_STUDIO, with_depth: bool = False, with_bare: bool = False, threads: int | None = 1,
 ) -> list[RenderedView]:  # fmt: skip
     """The views of a block; those held out with the object's own paint beside them.
 
@@ -234,13 +232,14 @@ def render_block(
         subjects: block number `block` shows the next of them.
         kind: `TRAIN` or `HELD_OUT`.
         with_depth: whether views shall have their depth, for weather.
+        with_bare: whether views for training have the light of the object in its own paint beside them too.
         threads: see `map_ahead`; 1 if blocks are spread over the cores.
     """
     draws = Draws(seed, block, kind)
     subject = subjects[block % len(subjects)].for_block(draws)
     shown = ViewBlock(subject.mesh, settings, draws, setting)
-    # only held-out views are judged against the unmodified object, and a second renderer is half of the work
-    own_paint = shown.place(subject.bare) if kind == HELD_OUT else None
+    # a second renderer is half of the work
+    own_paint = shown.place(subject.bare) if with_bare or kind == HELD_OUT else None
     texture = subject.mesh.materials[subject.material].texture
 
     def render(number: int) -> RenderedView:
@@ -252,8 +251,9 @@ def render_block(
             return RenderedView(block % len(subjects), view, None)
         light = own_paint.render(camera, pose)
         # weather acts on light, so the light is kept; half precision, as in `LinearView.packed`
-        kept_light = light.astype(np.float16) if with_depth else None
-        return RenderedView(block % len(subjects), view, shown.develop(light, number), kept_light)
+        if with_depth or with_bare:
+            view = replace(view, bare=light.astype(np.float16))
+        return RenderedView(block % len(subjects), view, shown.develop(light, number))
 
     return list(map_ahead(render, range(settings.per_studio), threads))
 

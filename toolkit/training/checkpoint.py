@@ -19,7 +19,7 @@ FORMAT = "toolkit training checkpoint 1"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Where an unfinished run is kept.
+    """Place of an unfinished run.
 
     Attributes:
         folder: of the checkpoints of all runs of the same name; a run's file is called by its hash.
@@ -56,7 +56,7 @@ class Checkpoint:
             "kind": kind,
             INPUTS: self.key,
             "steps_done": steps_done,
-            # a rename is whole, a disk need not be: the numbers have a hash of their own
+            # a rename is whole, a disk need not be: the numbers have their own hash
             "content_sha256": _hash_arrays(arrays),
         }
         write_bytes(self.file, save(arrays, {"toolkit": json.dumps(about)}))
@@ -91,7 +91,7 @@ class Checkpoint:
         return arrays
 
     def announce(self, done: int, steps: int) -> None:
-        """Say whether a run goes on, or begins beside an unfinished run with other inputs."""
+        """Report whether a run resumes, or begins beside an unfinished run with other inputs."""
         from toolkit.core.console import notice
 
         if done:

@@ -37,7 +37,7 @@ RENDERS = ("data-*",)
 
 @dataclass(frozen=True)
 class TrainedClassifier:
-    """What a run made.
+    """Result of a run.
 
     Attributes:
         file: the weights; the record lies beside them.
@@ -143,7 +143,7 @@ def describe_data(data: TrainingSet, sources: list[DataSource]) -> None:
 def _name_data(
     config: ClassifierConfig, sources: list[DataSource], pictures: ClassPictures | None, init: WeightsFile | None
 ) -> tuple[str, str]:
-    """What it is trained on, and how the held-out images differ, in a few words each."""
+    """The training data and how the held-out images differ, in a few words each."""
     words = " and ".join(source.words for source in sources)
     held_out = "; ".join(dict.fromkeys(source.held_out_words for source in sources))
     if pictures is not None:

@@ -1,4 +1,4 @@
-"""What decides a classifier's weights: the declaration of the settings of its training."""
+"""The settings of a classifier's training."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -248,7 +248,7 @@ class ClassifierConfig(Config):
     label_smoothing: Annotated[float, Field(ge=0, lt=1), Expect("0 to below 1"), Flag(group=STEPS)] = Field(
         0.1, description="Share of each target spread over all classes."
     )
-    seed: Annotated[int, Field(ge=0)] = Field(0, description="Of every random draw.")
+    seed: Annotated[int, Field(ge=0)] = Field(0, description="Seed of every random draw.")
     augmentation: Augmentation = Field(PHOTOGRAPHS, description="Of the images; by default as their size asks for.")
     corrupting: Annotated[
         Corrupting | None,

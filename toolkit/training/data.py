@@ -72,7 +72,7 @@ class RenderCounts:
             raise FieldError("expected a share from 0 to below 1, such as 0.1", {"held_out": self.held_out})
 
     def units(self, source: str, label: str, name: str) -> tuple[tuple[RenderUnit, ...], tuple[RenderUnit, ...]]:
-        """What to render of an object's kind, to train on and held out."""
+        """Renders of a kind of object, to train on and held out."""
         parts = []
         for part, images in enumerate((self.per_class, round(self.held_out * self.per_class))):
             # `part` keeps the objects of training and of the test apart
@@ -104,7 +104,7 @@ class DataSource:
 
 
 def open_source(data: str, workspace: Workspace, counts: RenderCounts, download: bool = False) -> DataSource:
-    """What a `--data` offers; `everyday` and `rig` are sources, a folder of that name is `./everyday`.
+    """Images and renders of a `--data`; `everyday` and `rig` are sources, a folder of that name is `./everyday`.
 
     Args:
         data: as typed.
@@ -253,7 +253,7 @@ class Pack:
 
 @dataclass(frozen=True)
 class TrainingSet:
-    """What a classifier is trained on and tested with.
+    """Training and test images of a classifier.
 
     Attributes:
         labels: a label per output of the network.

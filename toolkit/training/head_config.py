@@ -1,4 +1,4 @@
-"""What decides the head of an encoder: the declaration of its settings."""
+"""The settings of an encoder's head."""
 
 from typing import Annotated, Literal
 
@@ -35,4 +35,4 @@ class HeadConfig(Config):
     held_out: Annotated[
         float, Field(ge=0, lt=1), Expect("a share from 0 to below 1, such as 0.1"), Flag(group="Images")
     ] = Field(0.2, description=FIELDS["held_out"].description)
-    seed: Annotated[int, Field(ge=0)] = Field(0, description="Of the images that are held out, and of renders.")
+    seed: Annotated[int, Field(ge=0)] = Field(0, description="Seed of the held-out images and of renders.")

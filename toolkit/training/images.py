@@ -78,7 +78,7 @@ def open_cifar(folder: Path, split: str, download: bool = False) -> Cifar10:
 
 
 def _find_wrong_file(reader: Any, place: Path) -> str:
-    """What keeps torchvision's reader from it."""
+    """Return why torchvision's reader cannot open it."""
     from toolkit.models.vision import torchvision
 
     if not place.is_dir():
@@ -107,7 +107,7 @@ class LabelledFile:
 
 @dataclass(frozen=True)
 class FolderClasses:
-    """What a folder offers.
+    """Images of a folder.
 
     Attributes:
         train, held_out: its images.

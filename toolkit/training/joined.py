@@ -31,7 +31,7 @@ def choose_file(folder: Path, name: str, encoder: Classifier) -> Path:
 
 
 def name_encoder(encoder: Classifier) -> dict[str, Any]:
-    """What decides an encoder's features, for a record."""
+    """The fields of a record that decide an encoder's features."""
     return {
         "encoder": encoder.arch, "encoder_weights": encoder.weights.name, "encoder_sha256": encoder.weights.sha256,
         "encoder_preprocessing": encoder.preprocessing.describe(),

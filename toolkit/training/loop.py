@@ -1,7 +1,7 @@
-"""The training loop: steps, checkpoints at any moment, going on to the same bytes, and the finish.
+"""The training loop: steps, checkpoints at any moment, resuming to the same bytes, and the finish.
 
-A `TrainingTask` says what is trained: its parameters, and the loss of step i, which depends on the parameters and on
-(seed, i) alone. `fit` does the rest, in a single process or in the several that torchrun started.
+A `TrainingTask` gives the parameters, and the loss of step i, which depends on the parameters and on (seed, i) alone.
+`fit` does the rest, in a single process or in those that torchrun started.
 """
 
 import signal
@@ -118,7 +118,7 @@ class History:
 
 
 class TrainingTask(ABC, Generic[Made]):
-    """What is trained.
+    """A training for `fit`.
 
     Attributes:
         work: kind and version of the task: checkpoints are read by the same kind only, and its draws are its own.
@@ -152,8 +152,8 @@ class TrainingTask(ABC, Generic[Made]):
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
         """The loss of a step, a scalar, and further figures for the history.
 
-        It depends on the parameters, the buffers and on (seed, step) alone; torch's own generator is seeded before. Of
-        several processes each gives the mean over its part of the batch. With `FitConfig.rho` a step asks twice.
+        It depends on the parameters, the buffers and on (seed, step) alone; torch's own generator is seeded before.
+        Each of several processes gives the mean over its part of the batch. With `FitConfig.rho` a step asks twice.
         """
 
     @abstractmethod
@@ -169,7 +169,7 @@ class TrainingTask(ABC, Generic[Made]):
         return None
 
     def describe(self) -> list[str]:
-        """What acts in this run, for the user."""
+        """Active settings of this run, for the user."""
         return []
 
     def open(self) -> AbstractContextManager[object]:
@@ -177,7 +177,7 @@ class TrainingTask(ABC, Generic[Made]):
         return nullcontext()
 
     def begin(self) -> None:
-        """Called before the first step of all, not where a run goes on."""
+        """Called before the very first step, not when a run resumes."""
 
     def adjust_gradients(self, step: int) -> None:
         """Change the parameters' `grad` before they are moved."""
@@ -351,7 +351,7 @@ class _Fitting:
         # of dropout: another mask in each process, the same masks when the run resumes
         torch.manual_seed(draw + current().rank)
         for parameter in self._parameters.values():
-            # every gradient is made anew: the paper's release never zeroed the patch's
+            # every gradient begins at none: the paper's release never zeroed the patch's
             parameter.grad = None
         loss, figures = self.task.loss(step)
         # to the parameters alone: networks keep no gradients of their weights

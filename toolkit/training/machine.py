@@ -1,4 +1,4 @@
-"""What the kit needs from a machine, checked in turn, each with the line that fixes it."""
+"""Checks of everything that the kit needs from a machine, each with the line that fixes it."""
 
 import os
 import platform
@@ -39,7 +39,7 @@ class Check:
 
 
 def check_machine(folder: Path | None = None) -> list[Check]:
-    """What the kit needs from this machine, each with what was found and the line that fixes it.
+    """Check everything that the kit needs from this machine.
 
     Args:
         folder: where a workspace is or would be, for its free disk space; by default the current folder.
@@ -49,7 +49,7 @@ def check_machine(folder: Path | None = None) -> list[Check]:
         _python, _packages, _open3d, _renderer, *(partial(_other_renderer, name) for name in RENDERERS),
         partial(_disk, where), _weights, _bundled, _gpu,
     ]  # fmt: skip
-    # most of the time goes to processes of their own, which run beside each other
+    # most of the time goes to separate processes, which run beside each other
     with ThreadPoolExecutor() as pool:
         found = list(pool.map(lambda look: look(), looks))
     return [check for check in found if check is not None]
@@ -82,7 +82,7 @@ def _packages() -> Check:
 
 
 def _open3d() -> Check:
-    """In a process of its own, as a missing shared library may end it."""
+    """In a separate process, as a missing shared library may end it."""
     done = run_python("from toolkit.objects.mesh import load_open3d; print(load_open3d().__version__)")
     if done.returncode == 0:
         return Check("Open3D", "ok", done.stdout.decode().split()[-1])

@@ -104,7 +104,7 @@ class Processes:
         return joined
 
     def ask_first(self, find: "Callable[[], Found]") -> "Found":
-        """What the first process finds, alone; told to all."""
+        """Let the first process find something alone, and return it in all."""
         if self.count == 1:
             return find()
         import torch
@@ -183,7 +183,7 @@ def _be(processes: Processes) -> Iterator[None]:
 
 
 class _Meeting:
-    """Where the first process tells the others to follow to its next training, or to end."""
+    """The first process's messages to the others: follow to its next training, or end."""
 
     def __init__(self, store: "torch.distributed.Store") -> None:
         self._store, self._number = store, 0
@@ -262,11 +262,11 @@ def _meet() -> tuple[Processes, _Meeting]:
     where = ":".join(os.environ.get(name, "?") for name in ("MASTER_ADDR", "MASTER_PORT"))
     has_gpu = torch.cuda.is_available()
     if has_gpu:
-        # a device of its own for each process, by its number on this machine
+        # a separate device for each process, by its number on this machine
         torch.cuda.set_device(int(os.environ.get("LOCAL_RANK", "0")) % torch.cuda.device_count())
     try:
         found, rank, count = next(distributed.rendezvous("env://", timeout=timedelta(seconds=MEETING_S)))
-        # keys of our own beside torch's
+        # our own keys beside torch's
         store = distributed.PrefixStore("toolkit", found)
         # figures travel on the CPU also where gradients are on GPUs
         backend = "cpu:gloo,cuda:nccl" if has_gpu else "gloo"

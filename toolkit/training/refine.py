@@ -47,7 +47,7 @@ from toolkit.training.processes import current
 from toolkit.training.refine_config import HELD_OUT, LONGEST_GRADIENT, RefineConfig
 
 KEPT = "path-*"
-"""What is kept on the way, beside the checkpoints of the training."""
+"""Files that are kept on the way, beside the checkpoints of the training."""
 TEST_BATCH, TEST_EPS, TEST_STEPS, MOST_ATTACKED = 32, 0.5, 5, 100
 """Photographs at a time; the attack of the test, in l2; and how many of the held-out photographs it moves."""
 
@@ -63,7 +63,7 @@ def distill_loss(student: torch.Tensor, teacher: torch.Tensor, temperature: floa
 
 @dataclass(frozen=True)
 class Tested:
-    """What a network says of the held-out photographs.
+    """A network's answers to the held-out photographs.
 
     Attributes:
         answers: (n,) classes.
@@ -77,7 +77,7 @@ class Tested:
 
 @dataclass(frozen=True)
 class RefineInputs:
-    """What a network is refined with.
+    """Inputs of a refinement.
 
     Attributes:
         teacher: the network as it is.
@@ -245,7 +245,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
             whole = NetworkSet(name=self.config.name, networks=names, inputs_sha256=self.key)
             # a network of this name, of an earlier run, would be found in the place of the set
             delete_file(self._file(self.config.name))
-            write_json(self.folder / f"{self.config.name}.json", whole.model_dump(mode="json"))
+            write_json(self.folder / f"{self.config.name}.json", whole.model_dump(mode="json", exclude={"turns"}))
         return records
 
     def _read_kept(self, step: int) -> bytes:
@@ -326,7 +326,7 @@ def _count(answers: np.ndarray, classes: np.ndarray, taught: np.ndarray) -> Answ
 
 @dataclass(frozen=True)
 class RefinedNetworks:
-    """What a run made.
+    """Result of a run.
 
     Attributes:
         name: that `--model` takes for all of them.

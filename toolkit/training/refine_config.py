@@ -1,4 +1,4 @@
-"""What decides a refined network's weights: the declaration of the settings of its training."""
+"""The settings of a refined network's training."""
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -22,14 +22,14 @@ RHO = 0.005
 statistics do not. At 0.05 the loss of a folded ResNet-18 rises from 0.9 to 8.2."""
 AVERAGED = 0.5
 """Share of the steps, at the end, whose weights SWA averages."""
-PATH = "What carries over to other networks"
+PATH = "Transfer to other networks"
 
 
 class RefineConfig(Config):
     """Every setting of a network's refinement."""
 
     name: Annotated[str, AfterValidator(check_name), Flag(positional=True, metavar="NAME")] = Field(
-        exclude=True, description="What to call the refined network, for --model NAME afterwards."
+        exclude=True, description="Name of the refined network, for --model NAME afterwards."
     )
     data: Annotated[tuple[str, ...], Field(min_length=1), Flag(metavar="FOLDER", group=DATA)] = Field(
         exclude=True,
@@ -63,7 +63,7 @@ class RefineConfig(Config):
     temperature: Annotated[float, Field(gt=0, le=100), Flag(group=STEPS)] = Field(
         2.0, description="Both networks' logits are divided by it before they are compared."
     )
-    seed: Annotated[int, Field(ge=0)] = Field(0, description="Of every random draw.")
+    seed: Annotated[int, Field(ge=0)] = Field(0, description="Seed of every random draw.")
 
     @model_validator(mode="after")
     def _check_path(self) -> "RefineConfig":
@@ -114,7 +114,7 @@ class RefineConfig(Config):
         return {"method": METHOD, **super().record(), "rho": rho}
 
     def words(self, teacher: str) -> str:
-        """What the network is trained on, in a few words."""
+        """The training data in a few words."""
         robust = "" if self.robust is None else f", each moved to where its loss is largest ({self.robust.describe()})"
         flat = "" if self.flat is None else f", {self.flat}"
         return f"{teacher}'s own answers to photographs{robust}{flat}"

@@ -41,7 +41,7 @@ def make_zero_shot(
         text: the text tower.
         prompts: of each class, by its label.
         folder: for the classifier, such as the workspace's `rig/classifiers`.
-        scale: instead of the tower's own, or of CLIP's 100 if it says none.
+        scale: instead of the tower's own, or of CLIP's 100 if the tower states none.
         restart: make it again.
 
     Raises:

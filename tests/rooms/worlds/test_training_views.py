@@ -118,7 +118,7 @@ def test_a_view_is_the_render_of_its_world(field, subject):
         light = (one.view.dark + (1 - one.view.coverage[..., None]) * one.view.behind).astype(np.float32).reshape(-1, 3)
         np.add.at(light, one.view.pixel, one.view.gain.astype(np.float32) * colour)
         # half precision, and the own paint's mip levels
-        assert np.abs(light - one.bare_light.reshape(-1, 3)).mean() < 2e-3
+        assert np.abs(light - one.view.bare.reshape(-1, 3)).mean() < 2e-3
         assert one.view.depth.depth.min() > 0.5 and one.view.depth.camera.width == SIDE
 
 

@@ -1,6 +1,6 @@
-"""What happens to a booster between file and photograph, as transforms in expectation (Athalye et al. 2018).
+"""Transforms of a booster between file and photograph, for training in expectation (Athalye et al. 2018).
 
-Here is what every transform has: its settings, its stage, its draws, and the images that it leaves as they are.
+Every transform has settings, a stage and draws, and may leave images as they are.
 """
 
 from abc import abstractmethod
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import torch
 
 STAGES = ("place", "print", "paper", "view", "light", "photo", "network", "features")
-"""Where a transform acts, in the order in which they do: where the patch lies, on the print, on the paper in the scene,
-on a view by its depth, on a view's light, on the photograph, on what a network sees of it, on what it makes of it."""
+"""Stages of transforms in the order in which they act: place of the patch, print, paper in the scene, depth of a view,
+light of a view, photograph, input of a network, features of a network."""
 OF_NETWORKS = ("network", "features")
 """Stages that act for each network by itself."""
 Probability = Annotated[float, Field(ge=0, le=1)]
@@ -29,7 +29,7 @@ class Transform(Config):
     A field of `PatchConfig` or `TextureConfig` that holds a transform makes it act.
 
     Attributes:
-        stage: one of `STAGES`.
+        stage: of `STAGES`.
         drawn_as: names its draws: renamed, it would draw other numbers. By default the name of the class.
     """
 
@@ -77,7 +77,7 @@ class ImageTransform(Transform):
 
     @abstractmethod
     def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
-        """What is drawn for each of `count` images, whether it acts on them or not: arrays of that length."""
+        """Draw for each of `count` images, whether the transform acts on it or not: arrays of that length."""
 
     @abstractmethod
     def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
@@ -105,7 +105,7 @@ class PaperTransform(Transform):
 
 @runtime_checkable
 class Placer(Protocol):
-    """Where the patch lies: `toolkit.boosters.transforms.placement.AffineRanges` and its like."""
+    """A placement of the patch, such as `toolkit.boosters.transforms.placement.AffineRanges`."""
 
     def place(self, rng: "np.random.Generator", count: int, patch_px: int, image_px: int) -> "np.ndarray":
         """(count, 3, 3) `T_image_patch`, affine or projective."""

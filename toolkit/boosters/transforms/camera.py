@@ -1,4 +1,4 @@
-"""What a camera does to a photograph: exposure, blur, sensor noise, JPEG, and a hand that does not hold it still."""
+"""Effects of a camera on a photograph: exposure, blur, sensor noise, JPEG and a shaky hand."""
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
@@ -213,7 +213,7 @@ def compress(
     quality: "np.ndarray",
     rounding: Callable[["torch.Tensor"], "torch.Tensor"] = round_straight,
 ) -> "torch.Tensor":
-    """What (b, 3, h, w) sRGB-encoded pixels in [0, 1] become in JPEG files of the qualities (b,); within [0, 1]."""
+    """Return (b, 3, h, w) sRGB-encoded pixels in [0, 1] after JPEG compression of the qualities (b,)."""
     import numpy as np
     import torch
     from torch.nn.functional import avg_pool2d, interpolate, pad

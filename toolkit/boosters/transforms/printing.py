@@ -1,4 +1,4 @@
-"""What a desktop printer makes of the patch, any printer or a measured printer; light on its paper, and clear tape."""
+"""Effects of a desktop printer on the patch, of light on its paper, and of clear tape."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal

@@ -1,4 +1,4 @@
-"""What makes a booster carry over to other networks: parts of it hidden, photographs in blocks, features mixed."""
+"""Transforms that help a booster transfer to other networks: hidden parts, shuffled blocks, mixed features."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -30,7 +30,7 @@ class Cutout(ImageTransform):
 
     Attributes:
         share: side of the square against the patch's.
-        probability: that a step hides one.
+        probability: that a step hides a square.
     """
 
     stage = "print"

@@ -11,6 +11,7 @@ import numpy as np
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
+from toolkit.objects.spec import Margin
 from toolkit.objects.wrap import Wrap
 from toolkit.rig.mount import MountedSheet
 
@@ -34,6 +35,7 @@ class AppliedBooster(ABC):
     sizes_mm: tuple[float, ...] = ()
     alone: bool = False  # lies flat on the table, and the object is not there
     wrap: Wrap | None = None  # whose pieces are stuck on; None if there are no pieces
+    margin: Margin = "white"  # what is on the paper around the patch on each sheet
 
     @abstractmethod
     def apply(self, item: TableObject) -> Mesh:

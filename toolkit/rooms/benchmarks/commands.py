@@ -166,7 +166,7 @@ def transfer(
     from toolkit.rooms.benchmarks.transfer.leave_one_out import HEADS, leave_one_out, tabulate
 
     space = open_workspace(workspace)
-    loaded = load_networks(*networks, space.classifiers_dir, may_mix=True)
+    loaded = load_networks(*networks, space.classifiers_dir, with_sets=False)
     # networks may be left out by the name that was typed
     typed = dict(zip(networks.model or (), (network.name for network in loaded), strict=False))
     config = config.with_overrides({"left_out": tuple(typed.get(name, name) for name in config.left_out)})
