@@ -95,7 +95,7 @@ def test_a_picture_that_was_replaced_a_stranger_and_a_lost_one_are_set_aside(sou
     found, paths = count(source)
     assert len(paths) == 6
     assert [reason.split(" (")[0].split(":")[0] for _, reason in found.faults] == [
-        "manifest.jsonl does not list it", "it is not the picture that manifest.jsonl lists",
+        "manifest.jsonl does not list it", "it is not the picture in manifest.jsonl",
         "manifest.jsonl lists it, and the file is gone",
     ]  # fmt: skip
     trusted, paths = count(source, trust_files=True)

@@ -28,7 +28,7 @@ def test_photographs_are_judged_by_it(space, put, colour_classifier):
 
 def test_the_list_of_objects_shows_it(space, type_toolkit):
     code, out, _ = type_toolkit("objects", "--workspace", str(space.root))
-    assert code == 0 and "photographs alone" in out
+    assert code == 0 and "photographs only" in out
 
 
 def test_commands_that_need_the_mesh_say_so_in_one_line(space):

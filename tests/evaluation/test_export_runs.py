@@ -96,7 +96,7 @@ def test_what_cannot_be_exported_is_a_line(workspace, evaluated):
     done = CliRunner().invoke(app, ["export", "night", *call[1:], "--to", "coco"])
     assert "night holds no boxes (kind 'eval'): expected a run of a detector" in str(done.exception)
     done = CliRunner().invoke(app, [*call, "--to", "fiftyone", "--captures", str(workspace.root / "nowhere")])
-    assert "none of the images of fog, night is there" in str(done.exception)
+    assert "no image of fog, night is there" in str(done.exception)
     done = CliRunner().invoke(app, [*call, "--out", str(workspace.root / "night.csv")])
     assert "night.csv: parquet would be written under a name of csv: give --to csv" in str(done.exception)
     assert not (workspace.root / "night.csv").exists()

@@ -82,7 +82,9 @@ def test_numbers_against_names_in_one_table_are_refused(write):
 
 def test_counting_from_one_is_refused(write):
     truths, guesses = [str(k % 4 + 1) for k in range(40)], [str(k % 4 if k % 5 else 3) for k in range(40)]
-    with pytest.raises(ToolkitError, match="may count from 0 and the other from 1: the truth is '2' where the"):
+    with pytest.raises(
+        ToolkitError, match="may count from 0 and the other from 1: the truth is '2' and the prediction '1'"
+    ):
         compare_tables(write("one", guesses, truths), write("two", guesses, truths))
 
 

@@ -50,7 +50,7 @@ def test_a_failed_photograph_is_marked_and_counted_both_ways(judged, colour_clas
     assert "real: 1 photograph failed a gate. patched with them:" in text.getvalue()
     assert (
         "0 gained, 2 lost" in text.getvalue()
-        and "without them: 7/7 right bare, 6/7 with it, 0 gained, 1 lost" in text.getvalue()
+        and "without them: 7/7 correct without it, 6/7 with it, 0 gained, 1 lost" in text.getvalue()
     )
     rows = list(csv.DictReader((done.run_dir / "predictions.csv").open()))
     marked = {row["path"]: row["failed_gates"] for row in rows if row["failed_gates"]}

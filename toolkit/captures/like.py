@@ -107,7 +107,9 @@ def shoot_like(
         shots += [_plan_shot(photo, item, look, photos_dir, settings.image_format, taken=taken) for photo in fit]
     if not shots:
         path, reason = skipped[0]
-        raise ToolkitError(f"no photograph of {len(skipped)} in {photos_dir} can be shot again; {path}: {reason}")
+        raise ToolkitError(
+            f"none of the {len(skipped)} photographs in {photos_dir} can be shot again; {path}: {reason}"
+        )
     with (engine or EngineConfig()).open() as workers:
         result = take_shots(workspace, shots, settings, workspace.source_dir(source), engine=workers)
     return LikeResult(result, tuple(sorted(skipped)))

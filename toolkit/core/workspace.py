@@ -77,7 +77,7 @@ class Workspace:
     def source_dir(self, source: str) -> Path:
         """Return `captures/SOURCE`; a `FieldError` if no folder can have this name."""
         if not is_folder_name(source):
-            raise FieldError(f"{{source}} '{source}': expected the name of a folder below captures/", {})
+            raise FieldError(f"{{source}} '{source}': expected the name of one folder below captures/", {})
         return self.captures_dir / source
 
     @property
