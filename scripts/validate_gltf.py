@@ -23,7 +23,7 @@ from PIL import Image
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
-from toolkit.objects.gltf.pictures import Picture, look_up
+from toolkit.objects.gltf.pictures import GltfPicture, look_up
 from toolkit.objects.load import read_mesh
 from toolkit.objects.mesh import Mesh, load_open3d, make_ray_scene
 
@@ -163,7 +163,7 @@ def draw_albedo(mesh: Mesh) -> np.ndarray:
     light = np.zeros((len(face), 3), np.float32)
     for number, material in enumerate(mesh.materials):
         chosen = mesh.face_material[face] == number
-        light[chosen] = look_up(Picture(material.texture, None), uv[chosen])
+        light[chosen] = look_up(GltfPicture(material.texture, None), uv[chosen])
     picture = np.full((SIZE, SIZE, 3), np.nan, np.float32)
     picture[met] = linear_to_srgb(light)
     return picture

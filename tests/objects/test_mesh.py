@@ -107,7 +107,7 @@ def test_merging_keeps_every_triangle_and_its_material(make_box):
         ({"faces": np.array([[0, 1, 99]])}, "names vertex 99, the mesh has 24"),
         ({"faces": np.array([[0, 1, -2]])}, "names vertex -2|the mesh has 24"),
         ({"vertices": np.full((24, 3), np.nan)}, "24 of 24 vertices are NaN"),
-        ({"vertices": np.ones((24, 3))}, "at one point"),
+        ({"vertices": np.ones((24, 3))}, "at the same point"),
     ],
 )
 def test_what_cannot_be_photographed_is_refused(make_box, change, words):

@@ -74,9 +74,9 @@ def claim_folder(folder: Path, settings: FolderSettings) -> None:
             )
 
 
-def _read_finished(folder: Path, log: RecordLog[CorruptedFile]) -> dict[str, CorruptedFile]:
+def read_finished(folder: Path) -> dict[str, CorruptedFile]:
     """Return lines by path; a `ToolkitError` if a line before the last is broken, or a path leaves the folder."""
-    known = log.read_last(lambda line: line.path)
+    known = RecordLog(folder / LOG_FILE, CorruptedFile).read_last(lambda line: line.path)
     for path in known:
         inside(folder, path)
     return known
@@ -262,7 +262,7 @@ def corrupt_images(
     log = RecordLog(out / LOG_FILE, CorruptedFile)
     with hold_folder(out), progress("corrupting", len(sources) * len(plan)) as ticker:
         claim_folder(out, settings)
-        known = _read_finished(out, log)
+        known = read_finished(out)
         # images are read in chunks; those of the same size are corrupted together
         for start in range(0, len(sources), CHUNK_FILES):
             chunk = sources[start : start + CHUNK_FILES]
