@@ -103,7 +103,7 @@ def test_a_broken_record_of_another_objects_wrap_or_texture_stops_no_search(spac
     (space.textures_dir / "mug.png").write_bytes(b"")
     (space.textures_dir / "mug.json").write_text("{")
     (space.wraps_dir / "mug" / "wrap.json").write_text("{")
-    with pytest.raises(ToolkitError, match="no texture for object 'crate': train one"):
+    with pytest.raises(ToolkitError, match="no texture for object 'crate': run 'toolkit train-texture"):
         find_booster(space, crate, "textured")
     with pytest.raises(ToolkitError, match="no wrap is for 'crate': make one"):
         find_booster(space, crate, "wrapped")

@@ -167,7 +167,7 @@ def refuse_cut(path: Path) -> None:
         (refuse_cut, "cut or damaged"),
         (lambda path: rewrite(path, {"x_m": float("nan")}), "sample 00000000: the truth cannot be used: field 'x_m'"),
         (lambda path: rewrite(path, {"seed": 9}), "of seed 9, the data set is of seed 3"),
-        (lambda path: rewrite(path, {"x_m": 0.5}), "not the one of dataset.json"),
+        (lambda path: rewrite(path, {"x_m": 0.5}), "differs from dataset.json"),
     ],
 )
 def test_damaged_sets_are_one_line(

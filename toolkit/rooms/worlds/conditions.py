@@ -68,7 +68,7 @@ def check_weather(name: str, severity: int) -> None:
     if name not in ("clear", *NAMES):
         raise one_of("weather", name, ["clear", *NAMES])
     if severity not in ((0,) if name == "clear" else SEVERITIES):
-        words = "0, clear air has no other" if name == "clear" else "1 (slight) to 5 (severe)"
+        words = "0, clear air has no other" if name == "clear" else "one of 1 (slight) to 5 (severe)"
         raise FieldError(f"{name}: expected {words}", {"severity": severity})
 
 

@@ -75,4 +75,4 @@ def test_what_cannot_be_meant_is_one_line(type_command, words, said) -> None:
 
 def test_a_missing_booster_says_how_to_get_one(type_command) -> None:
     result = type_command("--variant", "textured")
-    assert "no texture for object 'crate': train one" in str(result.exception)
+    assert "no texture for object 'crate': run 'toolkit train-texture" in str(result.exception)
