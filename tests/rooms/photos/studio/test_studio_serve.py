@@ -51,7 +51,7 @@ def test_the_local_network_gets_its_address_and_a_token(monkeypatch):
 
 
 def test_an_address_of_another_machine_is_said():
-    with pytest.raises(ToolkitError, match=r"192\.0\.2\.7 is no address of this machine"):
+    with pytest.raises(ToolkitError, match=r"192\.0\.2\.7 is not an address of this machine"):
         listen(lan=True, address="192.0.2.7")
 
 
