@@ -45,10 +45,18 @@ def mcnemar_p(gained: int, lost: int) -> float:
 
     Under the null, each pair that changed is as likely to be gained as lost (McNemar 1947): a binomial test.
     """
-    from scipy.stats import binomtest
-
     # pairs that did not change say nothing: of those that did, half would change either way by chance
-    return float(binomtest(gained, gained + lost, 0.5).pvalue) if gained + lost else 1.0
+    fewest, most, n = min(gained, lost), max(gained, lost), gained + lost
+    if fewest == most:
+        return 1.0
+    try:
+        # what `binomtest` asks, to the bit, without SciPy's statistics, which take a second to load
+        from scipy.special._ufuncs import _binom_cdf, _binom_sf
+    except ImportError:  # an earlier SciPy
+        from scipy.stats import binomtest
+
+        return float(binomtest(gained, n, 0.5).pvalue)
+    return min(1.0, float(_binom_cdf(fewest, n, 0.5) + _binom_sf(most - 1, n, 0.5)))
 
 
 def mcnemar_mid_p(gained: int, lost: int) -> float:

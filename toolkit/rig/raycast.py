@@ -192,7 +192,7 @@ class RaycastRenderer(Renderer):
 
 
 def compile_ahead() -> None:
-    """Compile the renderer for this machine if its machine code is not on disk; the first renderer does so otherwise."""
+    """Compile the renderer for this machine if its machine code is not on disk; the first image does so otherwise."""
     compiled.prepare(_compile_all)
 
 
