@@ -1,13 +1,17 @@
 """Intervals and tests against a second implementation, closed forms and published numbers."""
 
+import sys
 from dataclasses import replace
+from itertools import product
 from math import comb, cos, radians, sin
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from scipy.stats import binomtest
 
 from toolkit.captures.capture import Capture
+from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.core.tables import format_count, format_interval, format_p, format_test
@@ -50,6 +54,20 @@ def test_mcnemar_against_the_closed_form(gained, lost):
     n = gained + lost
     tail = sum(comb(n, i) for i in range(min(gained, lost) + 1)) / 2**n
     assert mcnemar_p(gained, lost) == pytest.approx(min(1.0, 2 * tail))
+
+
+@pytest.mark.parametrize("has_parts", [True, False])
+def test_mcnemar_is_scipys_test_to_the_bit(monkeypatch, has_parts):
+    if not has_parts:  # an earlier SciPy has them elsewhere
+        monkeypatch.setitem(sys.modules, "scipy.special._ufuncs", ModuleType("_ufuncs"))
+    mcnemar_p.cache_clear()
+    for gained, lost in [*product(range(1, 9), range(9)), (40, 77), (500, 300)]:
+        assert mcnemar_p(gained, lost) == float(binomtest(gained, gained + lost, 0.5).pvalue)
+
+
+def test_mcnemar_does_not_load_scipys_statistics():
+    code = "import sys; from toolkit.core.statistics import mcnemar_p; mcnemar_p(3, 1)"
+    assert run_python(f"{code}; print('scipy.stats' in sys.modules)").stdout.split() == [b"False"]
 
 
 def test_six_one_way_flips_are_the_fewest():

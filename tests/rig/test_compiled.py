@@ -5,6 +5,9 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -83,6 +86,27 @@ def test_a_start_that_was_interrupted_while_compiling_is_made_up_for(start, tmp_
     start(tmp_path)
     compiled.prepare(lambda: None)
     assert compiled.is_compiled()
+
+
+@pytest.mark.parametrize("is_interrupted", [False, True])
+def test_a_second_thread_waits_and_ends_with_the_first(start, tmp_path, is_interrupted):
+    start(tmp_path)
+    begun, done = threading.Event(), []
+
+    def compile_all() -> None:
+        begun.set()
+        time.sleep(0.3)  # the second waits by now
+        done.append("compiled")
+        if is_interrupted:
+            raise KeyboardInterrupt
+
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(compiled.prepare, compile_all)
+        assert begun.wait(60)
+        second = pool.submit(compiled.prepare, compile_all)
+        found = [future.exception() for future in (first, second)]
+    assert done == ["compiled"] and compiled.is_compiled() is not is_interrupted
+    assert [type(one) for one in found] == 2 * [KeyboardInterrupt if is_interrupted else type(None)]
 
 
 def test_without_a_folder_to_write_to_each_start_compiles_and_says_so(start, tmp_path, capsys):

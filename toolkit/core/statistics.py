@@ -44,9 +44,18 @@ def mcnemar_p(gained: int, lost: int) -> float:
 
     Under the null, a changed pair is as likely gained as lost (McNemar 1947): a binomial test of the changed pairs.
     """
-    from scipy.stats import binomtest
+    # unchanged pairs do not count; half of the changed pairs would change either way by chance
+    fewest, most, n = min(gained, lost), max(gained, lost), gained + lost
+    if fewest == most:
+        return 1.0
+    try:
+        # the functions behind `binomtest`, so equal to the bit; SciPy's statistics take a second to load
+        from scipy.special._ufuncs import _binom_cdf, _binom_sf
+    except ImportError:  # an earlier SciPy
+        from scipy.stats import binomtest
 
-    return float(binomtest(gained, gained + lost, 0.5).pvalue) if gained + lost else 1.0
+        return float(binomtest(gained, n, 0.5).pvalue)
+    return min(1.0, float(_binom_cdf(fewest, n, 0.5) + _binom_sf(most - 1, n, 0.5)))
 
 
 def mcnemar_mid_p(gained: int, lost: int) -> float:

@@ -12,8 +12,10 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import lru_cache
 from pathlib import Path
+from threading import RLock
 from typing import Any, ParamSpec, TypeVar
 
 import numba
@@ -92,18 +94,33 @@ def _hash_code(folder: Path) -> str:
 
 
 _prepared = False
+_preparing = RLock()
 
 
 def prepare(compile_all: Callable[[], None]) -> None:
-    """Compile all, once per machine, with a line that says so.
+    """Compile all, once per machine, with a line that says so; other threads wait for the first one.
 
     Args:
         compile_all: uses every function, in the types it is used with.
     """
     global _prepared
-    if _prepared:
-        return
-    _prepared = True
+    is_first = _preparing.acquire(blocking=False)
+    with nullcontext() if is_first else _preparing:
+        try:
+            if not is_first and not _prepared:
+                raise KeyboardInterrupt  # of the first thread: to compile now would keep the process from its end
+            if not _prepared:
+                _prepared = True  # compiling makes renderers, which ask again
+                _prepare(compile_all)
+        except KeyboardInterrupt:
+            _prepared = False
+            raise
+        finally:
+            if is_first:
+                _preparing.release()
+
+
+def _prepare(compile_all: Callable[[], None]) -> None:
     folder = cache_folder()
     if folder is None:
         notice(
