@@ -89,7 +89,12 @@ def _probe(code: str) -> str | None:
 
 
 def describe_mitsuba() -> tuple[str, str]:
-    """Version and variant, as manifests have them, and the line that brings a faster variant; empty if none is."""
+    """Version and variant, as manifests have them, and the line that brings a faster variant; empty if none is.
+
+    Both are empty where Mitsuba does not start.
+    """
+    if mitsuba_trouble() is not None:
+        return "", ""
     chosen = choose_variant()
     fix = LLVM_FIX if chosen == VARIANTS[-1] and not os.environ.get(VARIABLE) else ""
     return f"mitsuba {version('mitsuba')} {chosen}", fix
