@@ -68,7 +68,7 @@ def test_a_gain_is_counted_within_each_renderer():
     (verdict,) = write_agreement("resnet18", found)
     # 7 against 1 has p = 0.07, 5 against 0 has 0.06
     assert verdict.tone == "open"
-    assert verdict.verdict == (f"The gain of the patch holds in {FILAMENT}, and is not shown in raycast and {MITSUBA}")
+    assert verdict.verdict == ("The gain of the patch holds in filament, and is not shown in raycast and mitsuba")
     assert "raycast 1 → 7 of 8 (7 gained, 1 lost, exact McNemar p = 0.07)" in verdict.sentence
 
 
@@ -80,7 +80,7 @@ def test_a_gain_is_counted_within_each_renderer():
          "good"),
         (
             {"sim-mitsuba": "--------"},
-            f"The gain of the patch holds in raycast, and is not shown in {MITSUBA}; it does harm in {MITSUBA}",
+            "The gain of the patch holds in raycast, and is not shown in mitsuba; it does harm in mitsuba",
             "bad",
         ),
     ],
@@ -104,8 +104,8 @@ def test_answers_kappa_and_flips_are_counted_by_hand():
     assert bare.outcomes.kappa == cohen_kappa(1, 1, 1, 1) == 0 and count_same(bare) == 2
     assert patched.outcomes.kappa == pytest.approx(cohen_kappa(2, 0, 1, 1)) and count_same(patched) == 3
     assert list_flips(found) == [
-        f"racer unpatched: 2 (raycast), 3 ({MITSUBA})",
-        f"racer patched: 3 ({MITSUBA})",
+        "racer unpatched: 2 (raycast), 3 (mitsuba)",
+        "racer patched: 3 (mitsuba)",
     ]
     entry = found.as_json()
     assert entry["pairs"][0]["rows"][0] | {} == {
@@ -137,6 +137,17 @@ def test_a_pose_counts_in_all_renderers_or_in_none():
     (found,) = compare_renderers(seen)
     assert [row.outcomes.n for row in found.gains] == [4, 4]
     assert [row.outcomes.n for row in compare_predictions("resnet18", seen).pairs if row.source == "sim"][:1] == [8]
+
+
+def test_two_versions_of_one_renderer_are_told_apart():
+    older = [
+        replace(one, capture=replace(one.capture, source="old"))
+        for one in shoot(
+            "sim", *HELPS, settings=OTHERS["sim-mitsuba"] | {"renderer_version": "mitsuba 3.8.0 scalar_rgb"}
+        )
+    ]
+    (found,) = compare_renderers([*older, *shoot("sim-mitsuba", *HELPS)])
+    assert found.names == {"old": "mitsuba 3.8.0 scalar_rgb", "sim-mitsuba": MITSUBA}
 
 
 def test_two_plans_of_one_renderer_are_each_compared_with_the_other():
@@ -173,9 +184,7 @@ def test_colours_are_those_of_the_objects_pixels(tmp_path, make_crate_space, mon
     assert colour.n == 2 and colour.median == colour.p90 == pytest.approx(expected, rel=0.01)
     assert colour.lighter == pytest.approx(10.14, abs=0.02)
     (line,) = list_colours(add_colours(found, make_crate_space(tmp_path / "again")))
-    assert line.startswith(
-        f"{MITSUBA} against raycast, colour of the object's pixels in 2 pairs of images: median ΔE00 9"
-    )
+    assert line.startswith("mitsuba against raycast, colour of the object's pixels in 2 pairs of images: median ΔE00 9")
 
 
 def test_a_run_writes_it_to_terminal_summary_and_report(workspace, put, colour_classifier):

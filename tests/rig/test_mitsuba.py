@@ -20,7 +20,7 @@ from toolkit.rig.camera import Camera, look_at, orbit_pose
 from toolkit.rig.mitsuba import SAMPLES, MitsubaRenderer, choose_variant, denoise, describe_mitsuba, mitsuba_trouble
 from toolkit.rig.plan import Pattern, plan_poses
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.renderers import make_renderer
+from toolkit.rig.renderers import describe_cost, make_renderer
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import make_studio
@@ -260,6 +260,8 @@ def test_what_it_cannot_do_is_one_line(make_box, studio, monkeypatch, fresh):
     )
     with pytest.raises(ToolkitError, match=said):
         make_renderer("mitsuba", make_box(), studio)
+    # captures ask before they make one
+    assert describe_mitsuba() == ("", "") and describe_cost("mitsuba", [640 * 480]) == ""
     pytest.importorskip("mitsuba")
     oblong = replace(CAMERA, fy=CAMERA.fy * 1.01)
     with pytest.raises(ToolkitError, match="the renderer mitsuba wants square pixels, and the camera has fx"):

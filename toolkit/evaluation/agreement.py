@@ -90,6 +90,13 @@ class RendererAgreement:
     colours: tuple[ColourGap | None, ...] = ()
 
     @cached_property
+    def names(self) -> dict[str, str]:
+        """By source its renderer, without the version where no two are of one renderer."""
+        short = [name.partition(" ")[0] for name in self.renderers]
+        chosen = short if len(set(short)) == len(short) else self.renderers
+        return dict(zip(self.sources, chosen, strict=True))
+
+    @cached_property
     def gains(self) -> tuple[Comparison, ...]:
         """By variant, controls left out, and source: a renderer's own images without and with the booster."""
         keys = [key for key in self.images[0] if key[1] != UNPATCHED and key[1] not in OWNERS]
@@ -278,7 +285,7 @@ def write_agreement(network: str, found: RendererAgreement) -> list[Verdict]:
         rows = [row for row in found.gains if row.second == variant]
         holds = [row.source for row in rows if row.outcomes.second_is_better]
         harms = [row.source for row in rows if row.outcomes.first_is_better]
-        names = dict(zip(found.sources, found.renderers, strict=True))
+        names = found.names
         gain = f"The gain of {name_booster(variant)}"
         if len(holds) == len(rows):
             tone, verdict = "good", f"{gain} holds in {'both' if len(rows) == 2 else f'all {len(rows)}'} renderers"
@@ -322,10 +329,10 @@ def list_gains(found: RendererAgreement) -> list[list[str]]:
 
 def list_answers(found: RendererAgreement) -> list[list[str]]:
     """The cells of `ANSWER_HEADS`, a row for each variant and two renderers."""
-    names = dict(zip(found.sources, found.renderers, strict=True))
+    names = found.names
     return [
         [
-            row.second, f"{names[pair.first]} and {names[pair.second]}", str(row.outcomes.n), str(count_same(row)),
+            row.second, f"{names[pair.first]}, {names[pair.second]}", str(row.outcomes.n), str(count_same(row)),
             str(row.outcomes.only_first), str(row.outcomes.only_second), format_kappa(row.outcomes.kappa),
         ]
         for pair in found.pairs for row in pair.rows
@@ -333,17 +340,17 @@ def list_answers(found: RendererAgreement) -> list[list[str]]:
 
 
 def list_flips(found: RendererAgreement) -> list[str]:
-    """`racer patched: 3 (raycast), 7 (mitsuba 3.9.1)`: poses, and the renderers in which the answer is right."""
+    """`racer patched: 3 (raycast), 7 (mitsuba)`: poses, and the renderers in which the answer is right."""
     lines: dict[str, list[str]] = {}
     for (name, variant, pose_id), right in found.flips:
-        where = ", ".join(renderer for renderer, is_right in zip(found.renderers, right, strict=True) if is_right)
+        where = ", ".join(renderer for renderer, is_right in zip(found.names.values(), right, strict=True) if is_right)
         lines.setdefault(f"{name} {variant}", []).append(f"{pose_id} ({where})")
     return [f"{who}: {', '.join(poses)}" for who, poses in lines.items()]
 
 
 def list_colours(found: RendererAgreement) -> list[str]:
     """A line for every two renderers whose colours were compared."""
-    names = dict(zip(found.sources, found.renderers, strict=True))
+    names = found.names
     return [
         f"{names[pair.second]} against {names[pair.first]}, {pair.colour.describe()}"
         for pair in found.pairs if pair.colour is not None

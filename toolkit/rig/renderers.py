@@ -114,6 +114,8 @@ def describe_cost(name: str, pixels: Sequence[int]) -> str:
     if each is None or not pixels:
         return ""
     library, faster = RENDERERS[name].describe()
+    if not library:  # it does not start, which is told where it is made
+        return ""
     minutes = max(1, round(each * sum(pixels) / 6e7))
     slow = f", and six times that before you run '{faster}'" if faster else ""
     return f"{count_of(len(pixels), 'image')} by {library}: about {count_of(minutes, 'minute')} of one core{slow}"
