@@ -238,8 +238,8 @@ def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, re
     if record is None:
         return capture
     rows, lens, made = record.T_world_camera, record.intrinsics, record.made
-    corruption = name, severity, cut_px = tuple(made.get(key) for key in ("corruption", "severity", "cut_px"))
-    is_corrupted = tuple(map(type, corruption)) == (str, int, int)
+    corruption, severity, cut_px = made.get("corruption"), made.get("severity"), made.get("cut_px")
+    is_corrupted = (type(corruption), type(severity), type(cut_px)) == (str, int, int)
     # the manifest comes before the file name
     return replace(
         capture, pose_id=record.pose_id if record.pose_id is not None else capture.pose_id,
@@ -249,7 +249,8 @@ def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, re
         booster_sha256=record.booster_sha256, is_rendered="renderer" in made,
         is_by_plan="renderer" in made and not {"like", "rehearsed"} & made.keys(),
         is_retextured="retextured" in made, settings=read_settings(made),
-        corruption=(name, severity) if is_corrupted else None, cut_px=cut_px if is_corrupted else None,
+        corruption=(str(corruption), int(severity or 0)) if is_corrupted else None,
+        cut_px=cut_px if is_corrupted else None,
     )  # fmt: skip
 
 

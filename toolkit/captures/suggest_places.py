@@ -97,7 +97,7 @@ class SuggestedPlaces:
     def rows(self) -> list[tuple[str, ...]]:
         """Return a row under `TITLES` for each place in the object's file, and each best place."""
         now = [("now" if place.fit.lies else "now (not flat)", place) for place in self.now if place]
-        rows = []
+        rows: list[tuple[str, ...]] = []
         for name, place in [*now, *zip(self._names(), self.places, strict=True)]:
             mount, seen = place.mount, f"{place.poses_seen} of {self.n_poses}"
             where = mount.at, "{:g}, {:g}".format(*mount.offset_mm)
