@@ -286,7 +286,7 @@ def _list_sources(
 ) -> tuple[list[SourceImage], list[tuple[str, str]]]:
     """Return the images to corrupt, and (path, reason) of links that leave the folder and of those to skip."""
     if source.is_file():
-        sources, refused = [SourceImage(source, source.name, f"{source.stem}.{image_format}")], []
+        sources, refused = [SourceImage(source, source.name, f"{source.stem}.{image_format}")], list[tuple[str, str]]()
     else:
         sources, refused = find_sources(source, out, image_format)
     if not sources:
