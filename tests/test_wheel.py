@@ -108,7 +108,7 @@ def test_the_readmes_python_runs_from_the_wheel(site, tmp_path):
         block = block.replace(setting, smaller)
     nowhere = {"HTTPS_PROXY": "http://127.0.0.1:9", "TORCH_HOME": str(tmp_path / "cache"), "TOOLKIT_WEIGHTS": ""}
     said = run(sys.executable, "-c", block, cwd=tmp_path, PYTHONPATH=str(site), **nowhere)
-    assert "rig18 is right on" in said and "lab/eval/rig18-sim/report.html" in said.replace("\n", "")
+    assert "rig18 is correct on" in said and "lab/eval/rig18-sim/report.html" in said.replace("\n", "")
     assert (tmp_path / "lab/eval/rig18-sim/report.html").stat().st_size > 20_000
     assert (tmp_path / "lab/print/rig18/coffeepot.pdf").read_bytes().startswith(b"%PDF")
 

@@ -79,4 +79,4 @@ def test_a_line_says_what_the_numbers_mean():
     assert line.startswith("racer: total variation 0.12 (")
     assert "non-printability 0.03 (near to what inks" in line
     assert "duller than on the screen" in PrintScores(0.3, 0.3).describe("x")
-    assert "grainy" in PrintScores(0.3, 0.3).describe("x")
+    assert "texels blur" in PrintScores(0.3, 0.3).describe("x")

@@ -155,7 +155,7 @@ def test_answers_say_the_numbers_of_captures() -> None:
         if answer["question"].startswith("does the "):
             variant = "textured" if "texture" in answer["question"] else "patched"
             row = right[answer["run"], answer["source"], "all", variant]
-            assert re.search(rf"is right on {row['correct']} of {row['n']} ", answer["sentence"])
+            assert re.search(rf"is correct on {row['correct']} of {row['n']} ", answer["sentence"])
 
 
 def test_the_challenge_is_what_its_records_say() -> None:

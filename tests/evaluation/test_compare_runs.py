@@ -44,7 +44,7 @@ def test_images_are_paired_by_path_and_tested_exactly(two_runs):
     rows = {(row.object, row.second): row.outcomes.n for row in found.rows}
     assert rows == {("racer", "unpatched"): 4, ("all", "unpatched"): 4, ("racer", "patched"): 4, ("all", "patched"): 4,
                     ("racer", "all"): 8, ("all", "all"): 8}  # fmt: skip
-    assert found.verdict == "after: 6 pairs became right and 1 wrong: not enough to tell"
+    assert found.verdict == "after: 6 pairs became correct and 1 wrong: not enough to tell"
     assert [pair.is_gained for pair in found.flips] == [True] * 6 + [False]
 
 

@@ -57,6 +57,7 @@ def test_order_of_variants():
         "wrong-patch",
         "random-patch",
         "grey-patch",
+        "camouflage",
         "patch-alone",
         "random-texture",
         "grey-texture",
@@ -178,7 +179,7 @@ def test_summary_and_report(put, workspace, colour_classifier):
     controls = json.loads((result.run_dir / "summary.json").read_text())["controls"]
     assert [one["question"] for one in controls["answers"]] == [HELPS, THIS_PATCH, STICKER]
     assert [one["tone"] for one in controls["answers"]] == ["good", "good", "bad"]
-    assert len(controls["comparisons"]) == 2 * 5
+    assert len(controls["comparisons"]) == 2 * (1 + len(CONTROLS_OF["patched"]))
     first = controls["comparisons"][0]
     assert (first["first"], first["second"], first["only_first"], first["says"]) == (
         "patched",
@@ -239,7 +240,7 @@ def test_patch_or_texture(patched, textured, tone, verdict):
 def test_a_texture_beside_nothing_but_the_bare_object():
     (only,) = compare_predictions("net", shoot(unpatched=2, textured=9)).headlines
     assert (only.variant, only.question, only.verdict) == ("textured", "", "The texture helps")
-    assert "Of 18 pairs, 7 became right and 0 became wrong" in only.sentence
+    assert "Of 18 pairs, 7 became correct and 0 became wrong" in only.sentence
     (lonely,) = compare_predictions("net", shoot(unpatched=2, grey_texture=9)).headlines
     assert lonely.variant == "grey-texture" and "'grey-texture'" in lonely.verdict
 

@@ -73,7 +73,7 @@ def test_a_photograph_that_was_taken_again_is_no_longer_the_one_that_failed(judg
         (5, 0, "Better in every pair that changed; 5 pairs are too few to be sure: 6 needed"),
         (1, 0, "Better in every pair that changed; 1 pair is too few to be sure: 6 needed"),
         (0, 3, "Worse in every pair that changed; 3 pairs are too few to be sure: 6 needed"),
-        (8, 3, "8 pairs became right and 3 wrong: not enough to tell"),
+        (8, 3, "8 pairs became correct and 3 wrong: not enough to tell"),
         (0, 0, "No pair changed"),
         (6, 0, "The patch helps"),
     ],
@@ -83,4 +83,4 @@ def test_an_unsure_verdict_says_which_way_it_points(gained, lost, verdict):
     outcomes = PairedOutcomes(both=1, only_first=lost, only_second=gained, neither=0)
     tone, said, why = judge_change("the patch", outcomes)
     assert said == verdict and tone == ("good" if gained == 6 else "open")
-    assert f"{gained} became right and {lost} became wrong (exact McNemar p = " in why
+    assert f"{gained} became correct and {lost} became wrong (exact McNemar p = " in why

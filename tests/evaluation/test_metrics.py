@@ -187,9 +187,9 @@ def test_an_object_that_was_shot_bare_alone_is_not_counted_against_the_patch():
     predictions += [one(pose, "patched", 1 + pose % 2) for pose in range(8)]
     predictions += [one(pose, "unpatched", 1, name="known") for pose in range(8)]
     (headline,) = write_headlines("net", group_predictions(predictions), compare_unpatched(index_poses(predictions)))
-    assert headline.sentence.startswith("net is right on 4 of 8 (50 %")
+    assert headline.sentence.startswith("net is correct on 4 of 8 (50 %")
     assert "with the patch and on 0 of 8 (0 %" in headline.sentence
-    assert "without, at the 8 poses shot both ways. Of 8 pairs, 4 became right" in headline.sentence
+    assert "without, at the 8 poses shot both ways. Of 8 pairs, 4 became correct" in headline.sentence
 
 
 def test_p_in_words():

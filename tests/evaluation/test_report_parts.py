@@ -173,8 +173,6 @@ def test_on_a_phone_all_numbers_are_on_the_screen_and_pictures_open_large(browse
     )
     assert captions and all(captions)
     assert browser.execute_script("return [...document.querySelectorAll('th')].every(one => one.scope)")
-    folded = browser.execute_script("return document.querySelector('#sheet').closest('details').open")
-    assert folded is False  # the contact sheet is long, and waits
     large = browser.execute_script(
         "const box = document.querySelector('.zoom input'); box.click();"
         "return box.nextElementSibling.getBoundingClientRect().width"

@@ -94,7 +94,7 @@ def ask_this(booster: str) -> str:
 def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant: str, question: str) -> Verdict:
     after, before = groups[variant], groups.get(UNPATCHED)
     if variant == UNPATCHED or before is None:
-        sentence = f"{network} is right on {_format_group(after)} of the {variant} images."
+        sentence = f"{network} is correct on {_format_group(after)} of the {variant} images."
         verdict = "Accuracy alone, nothing to compare with"
         return Verdict("open", sentence, verdict, after.source, variant, question)
     # accuracy with and without the booster
@@ -104,19 +104,19 @@ def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant
         counts = (row.outcomes.n_second, row.outcomes.n), (row.outcomes.n_first, row.outcomes.n)
         where = f", at the {row.outcomes.n} poses shot both ways"
     with_it, without = (format_count(*count) for count in counts)
-    shares = f"{network} is right on {with_it} with {name} and on {without} without{where}."
+    shares = f"{network} is correct on {with_it} with {name} and on {without} without{where}."
     if row is None:
         verdict, why = "Nothing could be paired", "No pose was shot both ways, so no paired test is possible."
         return Verdict("open", f"{shares} {why}", verdict, after.source, variant, question)
     tone, verdict, why = judge_change(name, row.outcomes)
-    brief = f"{row.outcomes.n_first} → {row.outcomes.n_second} of {row.outcomes.n} right"
+    brief = f"{row.outcomes.n_first} → {row.outcomes.n_second} of {row.outcomes.n} correct"
     return Verdict(tone, f"{shares} {why}", verdict, after.source, variant, question, brief)
 
 
 def judge_change(name: str, outcomes: PairedOutcomes) -> tuple[str, str, str]:
     """Return tone, verdict and reason whether `name` helps; the first of each pair is without it."""
     sentence = (
-        f"Of {count_of(outcomes.n, 'pair')}, {outcomes.only_second} became right and {outcomes.only_first} became "
+        f"Of {count_of(outcomes.n, 'pair')}, {outcomes.only_second} became correct and {outcomes.only_first} became "
         f"wrong ({format_test(outcomes.mcnemar_p)})."
     )
     start = name[0].upper() + name[1:]
@@ -134,7 +134,7 @@ def describe_unsure(outcomes: PairedOutcomes) -> str:
     if not gained and not lost:
         return "No pair changed"
     if gained and lost:
-        return f"{count_of(gained, 'pair')} became right and {lost} wrong: not enough to tell"
+        return f"{count_of(gained, 'pair')} became correct and {lost} wrong: not enough to tell"
     count = f"{count_of(gained or lost, 'pair')} {'is' if gained + lost == 1 else 'are'}"
     way = "Better" if gained else "Worse"
     return f"{way} in every pair that changed; {count} too few to be sure: {ONE_WAY_FLIPS} needed"
@@ -191,7 +191,7 @@ def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[
 
 def _compare_both(network: str, found: PairedOutcomes, names: tuple[str, str], short: tuple[str, str]) -> str:
     return (
-        f"On the same {found.n} poses {network} is right on {format_count(found.n_first, found.n)} with {names[0]} and "
+        f"On the same {found.n} poses {network} is correct on {format_count(found.n_first, found.n)} with {names[0]} and "
         f"on {format_count(found.n_second, found.n)} with {names[1]}: {found.only_first} only with {short[0]} and "
         f"{found.only_second} only with {short[1]} ({format_test(found.mcnemar_p)})."
     )
@@ -219,7 +219,7 @@ def _object_or_sticker(network: str, alone: Group, row: Comparison | None) -> Ve
     else:
         found = row.outcomes
         sentence += (
-            f"; of {found.n} poses shot both ways, patch and object together are right on "
+            f"; of {found.n} poses shot both ways, patch and object together are correct on "
             f"{format_count(found.n_first, found.n)}: {found.only_first} only with the object, {found.only_second} "
             f"only without it ({format_test(found.mcnemar_p)})."
         )

@@ -31,7 +31,7 @@ class BenchmarkCell:
         top1_ci95: Wilson's interval, as if the images were independent draws.
         top5: None for a reader.
         wrong: number of images with another code, and `not_decoded` without a code; None for a network.
-        gained: images that became right against `unpatched` of the same answerer, and `lost` wrong; None without.
+        gained: images that became correct against `unpatched` of the same answerer, and `lost` wrong; None without.
         mcnemar_p: exact, of gained against lost.
     """
 
