@@ -283,7 +283,7 @@ def test_controls_differ_from_the_patch_in_what_they_say(space, patch_record):
     """The same place and size with another, a random or a grey print; and the patch without the object."""
     pixels = np.zeros((12, 12, 3), np.uint8)
     write_patch(space.patches_dir, pixels, patch_record("crate2") | {"class_index": 2})  # next by name
-    assert shoot(space, CONTROLS_OF["patched"]).shot == 8
+    assert shoot(space, CONTROLS_OF["patched"]).shot == 2 * len(CONTROLS_OF["patched"])
     folder, camera = space.captures_dir / "sim", read_plan(space.plan_file).camera
     pose = read_plan(space.plan_file).objects["crate"][0]
     place, _ = project(camera, pose.matrix(), np.array([[0, 0, 40.5]]))

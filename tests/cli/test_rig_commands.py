@@ -65,7 +65,7 @@ def test_plan_as_json_is_the_file(space):
 @pytest.mark.slow
 def test_the_preview_draws_positions_and_what_they_see(space):
     call("plan", "--count", 2, "--resolution", 96, 72, "--preview", "--json")
-    for kind, size in (("positions", (1320, 660)), ("sheet", (640, 240))):
+    for kind, size in (("positions", (1320, 616)), ("sheet", (640, 240))):
         picture = Image.open(space.root / "rig" / "preview" / f"crate-{kind}.png")
         assert picture.size == size
         assert len(picture.convert("RGB").getcolors(1 << 24)) > 50

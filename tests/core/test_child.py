@@ -175,7 +175,6 @@ IMPORTERS = {
     ("core/extras.py", "import_module"),  # packages of extras
     ("core/rooms.py", "import_module"),  # the lists of commands, and of what rooms offer
     ("models/load.py", "import_module"),  # timm
-    ("models/onnx_graphs.py", "import_module"),  # libraries of the extra
     ("models/programs.py", "import_module"),  # what somebody typed
 }
 

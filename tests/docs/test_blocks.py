@@ -72,7 +72,7 @@ def test_commands_in_the_prose_are_known(page: str) -> None:
 def test_the_runs_behind_the_results_call_known_commands(script: Path, tmp_path: Path) -> None:
     """Each runs to its end beside programs that do nothing, so that it changes nothing, and what it calls is parsed."""
     calls = tmp_path / "calls"
-    for name in ("toolkit", "python", "cp", "rm", "mkdir"):
+    for name in ("toolkit", "python", "cp", "mv", "rm", "mkdir"):
         note = f'printf "%s\\0" "$@" >> {calls}; echo >> {calls}' if name == "toolkit" else ":"
         (tmp_path / name).write_text(f"#!/bin/sh\n{note}\n")
         (tmp_path / name).chmod(0o755)

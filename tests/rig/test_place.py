@@ -142,7 +142,7 @@ def test_what_cannot_be_is_a_line(typed, arguments):
     _, run = typed
     done = run("--object", "crate", *arguments)
     assert done.exit_code != 0 and done.exception is not None
-    assert any(word in str(done.exception) for word in ("lies anywhere", "side"))
+    assert any(word in str(done.exception) for word in ("fits flat anywhere", "side"))
 
 
 @pytest.mark.slow

@@ -303,9 +303,9 @@ def _judge_rig(network: str, matched: SimReal) -> Verdict:
     what = "without a booster" if row.second == UNPATCHED else f"with {name_booster(row.second)}"
     # gap, test and ranks in words
     sentence = (
-        f"On {found.n} poses {what} {network} is correct on {format_count(found.n_first, found.n)} in {matched.sim} and "
-        f"on {format_count(found.n_second, found.n)} in {matched.real}: a gap of {format_points(found.gain)} points "
-        f"(95 % interval {format_points_interval(found.gain_ci95)}, {format_test(found.mcnemar_p)}). Predicted "
+        f"On {found.n} poses {what} {network} is correct on {format_count(found.n_first, found.n)} in {matched.sim} "
+        f"and on {format_count(found.n_second, found.n)} in {matched.real}: a gap of {format_points(found.gain)} "
+        f"points (95 % interval {format_points_interval(found.gain_ci95)}, {format_test(found.mcnemar_p)}). Predicted "
         f"wrongly: {found.only_first + found.only_second} of {found.n}. Rank correlation over poses of the true "
         f"class's probability: {format_rank(row.rank)}."
     )

@@ -191,8 +191,8 @@ def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[
 
 def _compare_both(network: str, found: PairedOutcomes, names: tuple[str, str], short: tuple[str, str]) -> str:
     return (
-        f"On the same {found.n} poses {network} is correct on {format_count(found.n_first, found.n)} with {names[0]} and "
-        f"on {format_count(found.n_second, found.n)} with {names[1]}: {found.only_first} only with {short[0]} and "
+        f"On the same {found.n} poses {network} is correct on {format_count(found.n_first, found.n)} with {names[0]} "
+        f"and on {format_count(found.n_second, found.n)} with {names[1]}: {found.only_first} only with {short[0]} and "
         f"{found.only_second} only with {short[1]} ({format_test(found.mcnemar_p)})."
     )
 
