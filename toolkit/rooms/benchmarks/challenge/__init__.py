@@ -24,6 +24,8 @@ LARGEST_PATCH = 1 / 3
 POSES = 18
 """Poses of the plan; as many more are drawn for each version, so that nobody trains on the judged poses."""
 DRAWN_SEED = 20_260_000 + VERSION
+NO_CONTROLS = ("camouflage",)
+"""Controls of the kit that are newer than these rules."""
 
 
 class EntryConfig(Config):

@@ -48,7 +48,7 @@ from toolkit.objects.mesh import cast_rays, make_ray_scene
 from toolkit.rig.camera import pixel_rays
 from toolkit.rig.plan import read_plan
 from toolkit.rig.variants import CONTROLS_OF
-from toolkit.rooms.benchmarks.challenge import DRAWN_SEED, JUDGES, VERSION
+from toolkit.rooms.benchmarks.challenge import DRAWN_SEED, JUDGES, NO_CONTROLS, VERSION
 from toolkit.rooms.benchmarks.challenge.entry import (
     ENTRY,
     OUTCOMES,
@@ -489,9 +489,9 @@ def run_entry(
 def _shoot(entry: ChallengeEntry, home: Path, engine: Engine | None, with_controls: bool) -> list[Capture]:
     """Shoot the pictures of an entry; equal pictures of other entries are copied: without a booster, and controls."""
     space = open_space(entry, home / entry.record.name)
-    controls = CONTROLS_OF.get(entry.record.variant, ()) if with_controls else ()
-    if "wrong-patch" in controls and len(entry.objects) < 2:
-        controls = tuple(name for name in controls if name != "wrong-patch")
+    # of a single object no patch is of another class
+    left_out = {*NO_CONTROLS, *(["wrong-patch"] if len(entry.objects) < 2 else [])}
+    controls = [name for name in CONTROLS_OF.get(entry.record.variant, ()) if with_controls and name not in left_out]
     variants = (UNPATCHED, entry.record.variant, *controls)
     # images of all entries serve as a store
     sources = sorted(home.glob(f"*/{space.captures_dir.name}/sim"))
