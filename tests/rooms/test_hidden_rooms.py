@@ -100,7 +100,7 @@ def test_a_room_without_one_that_it_needs_is_not_there_either(tmp_path):
     needed = "error: 'landing' belongs to the room 'landing', which needs the room 'worlds', which is not installed: "
     assert ended["landing fly"] == (2, needed + MISSING.format("worlds"))
     assert ended["landign fly"][1].startswith("error: no command called 'landign': known: ")
-    nothing = "error: no object can be rendered: add one of your own with 'toolkit add MESH --class NAME'"
+    nothing = "error: no object can be rendered: add your own with 'toolkit add MESH --class NAME'"
     assert ended["plan --workspace d"] == (2, nothing)
 
 
