@@ -101,4 +101,4 @@ def test_a_network_is_trained_on_it(cifar, tmp_path):
     arguments += ["--image-px", "32", "--epochs", "1", "--batch", "4", "--workspace", str(space.root), "--quiet"]
     result = CliRunner().invoke(app, [*arguments, "--device", "cpu"])
     assert result.exit_code == 0, result.output
-    assert "of 6 right" in result.output and "CIFAR-10's test images" in " ".join(result.output.split())
+    assert "of 6 correct" in result.output and "CIFAR-10's test images" in " ".join(result.output.split())

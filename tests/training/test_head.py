@@ -253,5 +253,5 @@ def test_the_command_makes_a_classifier_that_eval_takes(tmp_path, monkeypatch, c
         assert (ended.value.code or 0) == code
         out = capsys.readouterr()
         if code:
-            assert "choose with --tokens" in out.err and out.err.count("\n") == 1
+            assert "give --tokens 'first'" in out.err and out.err.count("\n") == 1
     assert json.loads(out.out)[0]["can_train"] and json.loads(out.out)[0]["correct"] > 18
