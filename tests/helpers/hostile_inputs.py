@@ -184,7 +184,7 @@ def tables(draw: st.DrawFn, content: bytes) -> bytes:
         else:
             rows = [rows[0], *draw(st.permutations(rows[1:8]))]
     text = io.StringIO()
-    csv.writer(text, delimiter=draw(st.sampled_from(",,,,;\t"))).writerows(rows)
+    csv.writer(text, delimiter=draw(st.sampled_from(",,,,;\t")), escapechar="\\").writerows(rows)
     encoding = draw(st.sampled_from(("utf-8", "utf-8", "utf-8", "utf-8-sig", "utf-16")))
     made = text.getvalue().encode(encoding, "surrogatepass")
     return draw(damaged(made)) if draw(st.integers(0, 7)) == 0 else made

@@ -316,9 +316,10 @@ def _is_adobe_rgb(image: Image.Image) -> bool:
         if not exif:
             return False
         space = exif.get_ifd(ExifTags.IFD.Exif).get(ExifTags.Base.ColorSpace)
-        kind = exif.get_ifd(ExifTags.IFD.Interop).get(ExifTags.Interop.InteropIndex)
-        # 2 is what some programs write for it
-        return space == 2 or (space == 65535 and str(kind).startswith("R03"))
+        if space != 65535:
+            return space == 2  # some programs write 2 for it
+        # Pillow 12 raises a KeyError if the EXIF has no such part
+        return str(exif.get_ifd(ExifTags.IFD.Interop).get(ExifTags.Interop.InteropIndex)).startswith("R03")
     return False
 
 
