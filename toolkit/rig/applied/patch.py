@@ -1,5 +1,6 @@
 """A printed patch on an object: a sheet of paper, or several."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -61,8 +62,11 @@ class PatchBooster(AppliedBooster):
         return {"mm": [*self.sizes_mm], "mount": mounts, **margin}
 
 
+@dataclass(frozen=True)
 class Camouflage(PatchBooster):
     """Sheets that show what they hide: what is left of their effect is that of the sheets themselves."""
+
+    prints: tuple[np.ndarray, ...] = ()  # (n, n, 3) uint8 sRGB of each sheet
 
     def apply(self, item: TableObject) -> Mesh:
         """Return the object with its sheets on it, each of a print of its own."""
@@ -70,9 +74,8 @@ class Camouflage(PatchBooster):
 
     def sheets(self, item: TableObject) -> list[MountedSheet]:
         """Return each sheet where the object's spec places it; raises as `mount_sheets`."""
-        return [
-            sheet.show(draw_hidden(item.mesh, sheet, len(self.pixels)), self.margin) for sheet in super().sheets(item)
-        ]
+        sheets = zip(super().sheets(item), self.prints, strict=True)
+        return [sheet.show(pixels, self.margin) for sheet, pixels in sheets]
 
 
 def draw_hidden(mesh: Mesh, sheet: MountedSheet, n: int) -> np.ndarray:
@@ -119,9 +122,9 @@ def find_patch_booster(
         return PatchBooster(pixels, sha256_bytes(encode_png(pixels)), variant, sizes_mm, margin=own.record.margin)
     if variant == "camouflage":
         bare = PatchBooster(own.pixels, "", variant, sizes_mm, margin=own.record.margin)
-        hidden = [draw_hidden(item.mesh, sheet, own.record.n_px) for sheet in bare.sheets(item)]
+        hidden = tuple(draw_hidden(item.mesh, sheet, own.record.n_px) for sheet in bare.sheets(item))
         sha256 = sha256_bytes(b"".join(map(encode_png, hidden)))
-        return Camouflage(hidden[0], sha256, variant, sizes_mm, margin=own.record.margin)
+        return Camouflage(hidden[0], sha256, variant, sizes_mm, margin=own.record.margin, prints=hidden)
     shown = next_patch(workspace, own) if variant == "wrong-patch" else own
     alone = variant == "patch-alone"
     return PatchBooster(
