@@ -15,6 +15,13 @@ def sample(encoded: np.ndarray, u: np.ndarray, v: np.ndarray, lod: float = 0.0) 
     return found
 
 
+def texture_pyramid(encoded: np.ndarray) -> list[np.ndarray]:
+    """The levels, uint16, that the kernel has of a texture."""
+    packed = pack_textures([encoded])
+    sizes = zip(packed.start, packed.height, packed.width, strict=True)
+    return [packed.values[start : start + h * w].reshape(h, w, 3) for start, h, w in sizes]
+
+
 def sample_by_numpy(levels: list[np.ndarray], u: np.ndarray, v: np.ndarray, lod: np.ndarray) -> np.ndarray:
     """Trilinear values (n, c) of a pyramid of any numbers, which repeats."""
     lod = np.clip(lod, 0, len(levels) - 1)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kernel_samples import sample_by_numpy
+from kernel_samples import sample_by_numpy, texture_pyramid
 
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh, merge_meshes
@@ -16,7 +16,7 @@ from toolkit.rig.camera import Camera, look_at, orbit_direction, orbit_pose
 from toolkit.rig.lighting import BOUNCE, BakeDetail
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import KeyLight, Scene, Stand, Table
-from toolkit.rig.textures import build_pyramid, texture_pyramid
+from toolkit.rig.textures import build_pyramid
 
 QUICK = BakeDetail(key_rays=6, room_rays=48, surface_spacing=0.06, table_spacing=0.05)
 SPOT = Camera.from_fov(9, 9, 0.2)

@@ -2,18 +2,18 @@
 
 import numpy as np
 import pytest
-from kernel_samples import sample, sample_by_numpy
+from kernel_samples import sample, sample_by_numpy, texture_pyramid
 
-from toolkit.imaging.colour import srgb_to_linear
+from toolkit.imaging.colour import LINEAR_OF_CODE, srgb_to_linear
 from toolkit.rig.kernel.textures import fill_colours, fill_radiance
 from toolkit.rig.studio import make_studio
 from toolkit.rig.textures import (
+    WHITE,
     build_pyramid,
     equirectangular,
     pack_textures,
     pad_channels,
     sample_directions,
-    texture_pyramid,
 )
 
 RNG = np.random.default_rng(11)
@@ -91,7 +91,8 @@ def test_textures_of_one_pack_are_told_apart():
 def test_a_pack_holds_the_pyramids_of_its_pictures(shape):
     turned = random_texture(*shape)[::-1, ::-1]  # not as it lies in memory
     packed = pack_textures([turned, random_texture(8, 8)])
-    for number, level in enumerate(texture_pyramid(turned)):
+    linear = np.round(LINEAR_OF_CODE * WHITE).astype(np.uint16)[turned]
+    for number, level in enumerate(build_pyramid(linear)):
         begin, size = packed.start[number], level.shape[0] * level.shape[1]
         assert (packed.height[number], packed.width[number]) == level.shape[:2]
         np.testing.assert_array_equal(packed.values[begin : begin + size], level.reshape(-1, 3))

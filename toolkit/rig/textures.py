@@ -1,5 +1,8 @@
 """Textures for look-ups that do not alias: a pyramid of averages, linear between texels and between levels."""
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import cv2
 import numpy as np
 
@@ -13,11 +16,16 @@ SMALLEST = 4
 
 def build_pyramid(linear: np.ndarray) -> list[np.ndarray]:
     """Halve (h, w, 3) linear values, float32 or uint16, by area average until a side is 4; level 0 is the input."""
-    levels: list[np.ndarray] = [np.ascontiguousarray(linear)]
-    for height, width in _level_sizes(*linear.shape[:2])[1:]:
-        # each level is made of the level before, in linear light: averages of codes would be too dark
-        levels.append(cv2.resize(levels[-1], (width, height), interpolation=cv2.INTER_AREA))
+    sizes = _level_sizes(*linear.shape[:2])
+    levels = [np.ascontiguousarray(linear), *(np.empty((*size, 3), linear.dtype) for size in sizes[1:])]
+    _fill_coarser(levels)
     return levels
+
+
+def _fill_coarser(levels: Sequence[np.ndarray]) -> None:
+    """Make each level of the level before, in linear light: averages of codes would be too dark."""
+    for finer, coarser in pairwise(levels):
+        cv2.resize(finer, coarser.shape[1::-1], coarser, interpolation=cv2.INTER_AREA)
 
 
 def _level_sizes(height: int, width: int) -> list[tuple[int, int]]:
@@ -29,13 +37,8 @@ def _level_sizes(height: int, width: int) -> list[tuple[int, int]]:
     return sizes
 
 
-def texture_pyramid(encoded: np.ndarray) -> list[np.ndarray]:
-    """`build_pyramid` of an sRGB-encoded uint8 texture, in linear light, uint16: 65535 is 1."""
-    return build_pyramid(cv2.LUT(encoded, _LINEAR))
-
-
 def pack_textures(textures: list[np.ndarray]) -> Texels:
-    """Pyramids of sRGB-encoded uint8 textures (h, w, 3) for the kernel."""
+    """Pyramids of sRGB-encoded uint8 textures (h, w, 3) for the kernel, in linear light, uint16: 65535 is 1."""
     shapes = [_level_sizes(*texture.shape[:2]) for texture in textures]
     sizes = np.array([size for levels in shapes for size in levels], np.int32)
     counts = np.array([len(levels) for levels in shapes], np.int32)
@@ -47,10 +50,9 @@ def pack_textures(textures: list[np.ndarray]) -> Texels:
     places = [
         values[begin : begin + count].reshape(*size, 3) for begin, count, size in zip(start, texels, sizes, strict=True)
     ]
-    for texture, at, levels in zip(textures, first, shapes, strict=True):
+    for texture, at, count in zip(textures, first, counts, strict=True):
         cv2.LUT(texture, _LINEAR, places[at])
-        for level, (height, width) in enumerate(levels[1:], at + 1):
-            cv2.resize(places[level - 1], (width, height), places[level], interpolation=cv2.INTER_AREA)
+        _fill_coarser(places[at : at + count])
     return Texels(values, start, sizes[:, 1].copy(), sizes[:, 0].copy(), first, counts)
 
 
