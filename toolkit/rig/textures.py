@@ -15,9 +15,9 @@ SMALLEST = 4
 
 
 def build_pyramid(linear: np.ndarray) -> list[np.ndarray]:
-    """Halve (h, w, 3) linear values, float32 or uint16, by area average until a side is 4; level 0 is the input."""
+    """Halve linear (h, w) or (h, w, 3), float32 or uint16, by area average until a side is 4; level 0 is the input."""
     sizes = _level_sizes(*linear.shape[:2])
-    levels = [np.ascontiguousarray(linear), *(np.empty((*size, 3), linear.dtype) for size in sizes[1:])]
+    levels = [np.ascontiguousarray(linear), *(np.empty((*size, *linear.shape[2:]), linear.dtype) for size in sizes[1:])]
     _fill_coarser(levels)
     return levels
 
