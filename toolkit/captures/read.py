@@ -27,6 +27,10 @@ MAX_POSE_DIGITS = 5
 MOST_LISTED = 5
 
 
+Layout = tuple[tuple[str, ...], int, tuple[str, ...]]
+"""Folders before those below a root, the number of those below it, and those after: SOURCE/OBJECT/VARIANT together."""
+
+
 @dataclass(frozen=True)
 class CaptureFolder:
     """A capture folder.
@@ -88,59 +92,31 @@ def read_captures(root: Path, selection: Selection | None = None, *, trust_files
         ToolkitError: there is no folder, image, or image that counts; images are not sorted into folders; a manifest is
             broken or contradicts the folders; an object is called `all`; a selected name does not exist.
     """
-    root = Path(root)
+    root, selection = Path(root), selection or Selection()
     found = find_captured(root)
-    prefix, depth, suffix = _read_layout(root, found)
-    manifests: dict[Path, dict[str, CaptureRecord]] = {}
-    sources: dict[str, Path] = {}
-    captures: list[Capture] = []
-    stray: list[str] = []
-    unread: list[tuple[str, str]] = []
-    files: list[tuple[tuple[str, ...], str | None]] = [(parts, None) for parts in found.images]
-    files += [(tuple(path.split("/")), reason) for path, reason in found.refused]
-    for parts, refused in files:
-        if len(parts) - 1 < depth:
-            if refused is None:
-                stray.append(show_path(parts))
-            else:
-                unread.append((show_path(parts), refused))
-            continue
-        full = (*prefix, *parts[:depth], *suffix, *parts[depth:])
-        # the manifest lies in the source's folder: below the root, the root itself, or above it
-        source_dir = (root / parts[0], root, real_path(root).parent)[len(prefix)]
-        if source_dir not in manifests:
-            manifests[source_dir] = read_manifest(source_dir)
-        sources[show_path((full[0],))] = source_dir
-        record = manifests[source_dir].get("/".join(full[1:]))
-        captures.append(_capture(root / Path(*parts), full, record, refused))
+    layout = _read_layout(root, found)
+    before, depth, _ = layout
+    captures, known = _open_manifests(root, found, layout)
     # compare the selected images with their manifests
-    known = {name: _open_source(name, folder, manifests[folder]) for name, folder in sources.items()}
-    known = {name: manifest for name, manifest in known.items() if manifest.records}
-    selected = _select(captures, selection or Selection())
+    selected = _select(captures, selection)
     wanted = [replace(capture, image_sha256=_hash_file(capture)) for capture in selected]
     counted, aside = reconcile(_pair_by_stem(wanted), known, trust_files=trust_files)
     if not trust_files:
         # in a part of a source, folders that are gone are not missing
-        is_whole = len(prefix) < 2 and (selection or Selection()) == Selection()
+        is_whole = len(before) < 2 and selection == Selection()
         aside += find_missing(wanted, known, is_whole=is_whole)
     if wanted and not counted:
         raise ToolkitError(f"{root}: none of {len(wanted)} images counts; {aside[0].path}: {aside[0].reason}")
     counted.sort(key=lambda capture: (capture.source, capture.object, capture.variant, capture.path))
     if any(capture.object == POOLED for capture in counted):
         raise ToolkitError(f"{root}: an object may not be called '{POOLED}', the pooled rows are: rename its folder")
-    notes = _note_files(found, stray, counted) + _note_doubles(counted)
-    # a note for each reason why images were left out on purpose, or are copies
-    kinds: dict[str, list[SetAside]] = {}
-    for item in aside:
-        if not item.is_fault:
-            kinds.setdefault(item.kind, []).append(item)
-    for group in kinds.values():
-        notes.append(f"{list_some([item.path for item in group], MOST_LISTED)}: {group[0].reason}")
+    stray = [show_path(parts) for parts in found.images if len(parts) <= depth]
+    unread = tuple((path, reason) for path, reason in found.refused if len(path.split("/")) <= depth)
+    notes = _note_files(found, stray, counted) + _note_doubles(counted) + _note_aside(aside)
     without = sorted({capture.source for capture in counted} - known.keys())
     return CaptureFolder(
-        root, tuple(counted), tuple(unread), tuple(notes), tuple(aside), tuple(without),
-        is_trusted=trust_files and bool(known),
-    )  # fmt: skip
+        root, tuple(counted), unread, tuple(notes), tuple(aside), tuple(without), is_trusted=trust_files and bool(known)
+    )
 
 
 def find_faults(root: Path) -> dict[str, str]:
@@ -153,6 +129,29 @@ def find_faults(root: Path) -> dict[str, str]:
         return {}
     faults = read_captures(root).faults
     return {path.partition("/")[2] if is_source else path: reason for path, reason in faults}
+
+
+def _open_manifests(root: Path, found: FoundFiles, layout: Layout) -> tuple[list[Capture], dict[str, SourceManifest]]:
+    """Return the images inside SOURCE/OBJECT/VARIANT with their records, and the manifests of their sources by name."""
+    before, depth, after = layout
+    files: list[tuple[tuple[str, ...], str | None]] = [(parts, None) for parts in found.images]
+    files += [(tuple(path.split("/")), reason) for path, reason in found.refused]
+    records: dict[Path, dict[str, CaptureRecord]] = {}
+    sources: dict[str, Path] = {}
+    captures: list[Capture] = []
+    for parts, refused in files:
+        if len(parts) <= depth:
+            continue
+        full = (*before, *parts[:depth], *after, *parts[depth:])
+        # the manifest lies in the source's folder: below the root, the root itself, or above it
+        source_dir = (root / parts[0], root, real_path(root).parent)[len(before)]
+        if source_dir not in records:
+            records[source_dir] = read_manifest(source_dir)
+        sources[show_path((full[0],))] = source_dir
+        record = records[source_dir].get("/".join(full[1:]))
+        captures.append(_capture(root / Path(*parts), full, record, refused))
+    known = {name: _open_source(name, folder, records[folder]) for name, folder in sources.items()}
+    return captures, {name: manifest for name, manifest in known.items() if manifest.records}
 
 
 def _open_source(name: str, folder: Path, records: dict[str, CaptureRecord]) -> SourceManifest:
@@ -212,8 +211,7 @@ def _pair_by_stem(captures: Sequence[Capture]) -> list[Capture]:
     return paired
 
 
-def _read_layout(root: Path, found: FoundFiles) -> tuple[tuple[str, ...], int, tuple[str, ...]]:
-    """Return the folders before those below `root`, their number, and those after, to make SOURCE/OBJECT/VARIANT."""
+def _read_layout(root: Path, found: FoundFiles) -> Layout:
     name = real_path(root).name
     files = found.images or tuple(tuple(path.split("/")) for path, _ in found.refused)
     # most files decide: a stray image beside the folders does not change the layout
@@ -290,6 +288,15 @@ def _note_files(found: FoundFiles, stray: list[str], captures: list[Capture]) ->
         named = ", ".join(f"{name}/{variant} {count}" for (name, variant), count in sorted(counts.items()))
         notes.append(f"retextured: photographs in which another patch replaces the printed patch: {named}")
     return notes
+
+
+def _note_aside(aside: list[SetAside]) -> list[str]:
+    """Return a note for each reason why images were left out on purpose, or are copies."""
+    kinds: dict[str, list[SetAside]] = {}
+    for item in aside:
+        if not item.is_fault:
+            kinds.setdefault(item.kind, []).append(item)
+    return [f"{list_some([item.path for item in group], MOST_LISTED)}: {group[0].reason}" for group in kinds.values()]
 
 
 def _note_doubles(captures: list[Capture]) -> list[str]:

@@ -156,50 +156,48 @@ def simulate_captures(
     """
     # here, as help needs the config above alone; and without corruptions torch need not be loaded
     from toolkit.captures.like import MAX_PX, board_shown, shoot_like
-    from toolkit.captures.shoot import ShootSettings, make_rehearsal
     from toolkit.rig import PAIR
-    from toolkit.rig.board_file import read_board, with_board
 
     corruptions: Sequence[Corruption] = ()
     if corrupt:
         from toolkit.corruptions.catalogue import parse_corruptions
 
         corruptions = parse_corruptions(list(corrupt))
-    if config.print_profile is not None and not config.rehearse:
-        raise FieldError("goes with {rehearse}", {"print_profile": config.print_profile})
-    rehearsal = make_rehearsal(config.print_profile) if config.rehearse else None
-    light = config.light or ("side" if config.rehearse else "studio")
-    settings = ShootSettings(
-        seed, config.backdrop, light, config.renderer, config.image_format, rehearsal=rehearsal, perfect=config.perfect,
-        margin=config.margin,
-    )  # fmt: skip
-    from toolkit.rig.applied.tag import name_variant  # brings the renderer's parts, as below
-
-    variants = [name_variant(variant) for variant in variants]
-    left_out, board, engine = None, config.board, engine or EngineConfig()
-    remarks: tuple[str, ...] = ()
     folder = config.like and (config.like if config.like.is_dir() else space.root / config.like)
-    if folder and board is None:
-        board = board_shown(folder)
-    if board not in (None, "none"):
-        chosen = with_board(space, board)
-        settings = replace(settings, board=read_board(chosen))
-    others: list[ShootResult] = []
     if folder and config.also_renderers:
         raise FieldError("goes with the plan: leave {like} out", {"also_renderers": config.also_renderers[0]})
+    board = board_shown(folder) if folder and config.board is None else config.board
+    settings = _make_settings(space, config, board, seed)
+    from toolkit.rig.applied.tag import name_variant  # brings the renderer's parts, as above
+
+    variants, engine = [name_variant(variant) for variant in variants], engine or EngineConfig()
     if folder:
         found = shoot_like(
             space, folder, settings, config.source, objects, variants, max_px=config.max_px or MAX_PX, engine=engine
         )
-        shot, left_out = found.shoot, found.skipped
+        made = Simulated(found.shoot, found.skipped)
     else:
-        (shot, *others), remarks = _shoot_plan(space, config, settings, objects, variants or PAIR, engine)
+        made = _shoot_plan(space, config, settings, objects, variants or PAIR, engine)
     if not corruptions:
-        return Simulated(shot, left_out, others=tuple(others), remarks=remarks)
+        return made
     from toolkit.captures.corrupted_copy import corrupt_source
 
-    copies = [copy for one in (shot, *others) for copy in corrupt_source(one.source_dir, corruptions)]
-    return Simulated(shot, left_out, tuple(copies), tuple(others), remarks)
+    copies = [copy for shot in (made.shot, *made.others) for copy in corrupt_source(shot.source_dir, corruptions)]
+    return replace(made, corrupted=tuple(copies))
+
+
+def _make_settings(space: Workspace, config: SimulateConfig, board: str | None, seed: int) -> "ShootSettings":
+    from toolkit.captures.shoot import ShootSettings, make_rehearsal
+    from toolkit.rig.board_file import read_board, with_board
+
+    if config.print_profile is not None and not config.rehearse:
+        raise FieldError("goes with {rehearse}", {"print_profile": config.print_profile})
+    return ShootSettings(
+        seed, config.backdrop, config.light or ("side" if config.rehearse else "studio"), config.renderer,
+        config.image_format, rehearsal=make_rehearsal(config.print_profile) if config.rehearse else None,
+        perfect=config.perfect, margin=config.margin,
+        board=None if board in (None, "none") else read_board(with_board(space, board)),
+    )  # fmt: skip
 
 
 def _choose_others(config: SimulateConfig) -> tuple[list[str], list[str]]:
@@ -220,7 +218,7 @@ def _choose_others(config: SimulateConfig) -> tuple[list[str], list[str]]:
 def _shoot_plan(
     space: Workspace, config: SimulateConfig, settings: "ShootSettings", objects: Sequence[str],
     variants: Sequence[str], engine: EngineConfig,
-) -> "tuple[list[ShootResult], tuple[str, ...]]":  # fmt: skip
+) -> Simulated:  # fmt: skip
     from toolkit.rig.plan import list_misfits, open_plan
     from toolkit.rig.variants import ON_PAPER
 
@@ -259,7 +257,7 @@ def _shoot_plan(
         )
         found.append(shot)
         remarks += more
-    return found, tuple(remarks)
+    return Simulated(found[0], None, others=tuple(found[1:]), remarks=tuple(remarks))
 
 
 def _shoot_source(

@@ -118,10 +118,7 @@ def plan(
     from toolkit.rig.plan import list_misfits, make_camera, open_plan, plan_objects
 
     space = open_workspace(workspace, is_needed=True).with_patches(patches)
-    # options at their defaults do not ask for new poses
-    sources = [context.get_parameter_source(name) for name in POSES]
-    is_about_poses = any(source is not None and source.name != "DEFAULT" for source in sources)
-    if shot_list and space.plan_file.is_file() and not is_about_poses:
+    if shot_list and space.plan_file.is_file() and not _asks_for_poses(context):
         made = open_plan(space, objects)
         names = list(dict.fromkeys(objects or made.objects))
     else:
@@ -145,6 +142,12 @@ def plan(
         remark(line)
     if shot_list:
         ask_room("shot list")(space, made, names, listing, seed, as_json)
+
+
+def _asks_for_poses(context: typer.Context) -> bool:
+    # options at their defaults do not ask for new poses
+    sources = [context.get_parameter_source(name) for name in POSES]
+    return any(source is not None and source.name != "DEFAULT" for source in sources)
 
 
 def _what_follows(space: Workspace, names: list[str]) -> str:

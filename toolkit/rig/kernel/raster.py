@@ -193,6 +193,15 @@ def _draw(
                 furthest[pixel] = max(d[n], d[n + 1], d[n + 2], d[n + 3])
 
 
+@exact
+def _measure_along_rays(view: CameraView, samples: Samples, hits: Hits) -> None:
+    """Turn depth along the camera's axis, which drawing finds, into distance along each sample's ray."""
+    for n in range(len(hits.face)):
+        x, y = sample_place(samples, n)
+        dx, dy, dz = ray_through(view, x, y)
+        hits.distance[n] *= math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
 @kernel
 def draw_triangles(
     faces: np.ndarray, corners: np.ndarray, screen: np.ndarray, view: CameraView, samples: Samples, slot: np.ndarray,
@@ -252,8 +261,4 @@ def draw_triangles(
                 volume, of_a, of_b, of_c = -volume, _opposite(of_a), _opposite(of_b), _opposite(of_c)
             if volume > 0:
                 _draw((of_a, of_b, of_c), volume, (face, nearest), box, samples, reach, slot, furthest, hits)
-    # drawing finds depth along the camera's axis; rays, and all who read hits, have it along the ray
-    for n in range(len(hits.face)):  # along the ray
-        x, y = sample_place(samples, n)
-        dx, dy, dz = ray_through(view, x, y)
-        hits.distance[n] *= math.sqrt(dx * dx + dy * dy + dz * dz)
+    _measure_along_rays(view, samples, hits)

@@ -165,16 +165,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
         ToolkitError: too few networks, a network that cannot train, an unknown object or network, or an error of
             training, shooting or judging.
     """
-    # two networks of the same name would share a folder
-    names = [network.name for network in networks]
-    if len(set(names)) < max(2, len(names)):
-        raise FieldError("expected at least two networks, each once", {"model": names})
-    trained_on = group_networks(networks)
-    if any(isinstance(network, DetectorNetwork) for network in networks):
-        refuse_for_detectors([name for name in FOR_CLASSIFIERS if getattr(config, name) is not None])
-    for name in config.left_out:
-        if name not in trained_on:
-            raise one_of("network", name, list(trained_on))
+    trained_on = _choose_networks(config, networks)
     # objects and poses are the same without each network
     objects = list(config.objects) or names_with_mesh(workspace)
     plan = open_plan(workspace, objects)
@@ -212,6 +203,21 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
         for network in networks
     }}  # fmt: skip
     return TransferResult(tuple(rows), *write_matrix(folder, rows, about))
+
+
+def _choose_networks(config: TransferConfig, networks: Sequence[Judge]) -> dict[str, list[Judge]]:
+    """Return `group_networks`, of networks that go together and with the settings; a `ToolkitError` if they do not."""
+    # two networks of the same name would share a folder
+    names = [network.name for network in networks]
+    if len(set(names)) < max(2, len(names)):
+        raise FieldError("expected at least two networks, each once", {"model": names})
+    if any(isinstance(network, DetectorNetwork) for network in networks):
+        refuse_for_detectors([name for name in FOR_CLASSIFIERS if getattr(config, name) is not None])
+    trained_on = group_networks(networks)
+    for name in config.left_out:
+        if name not in trained_on:
+            raise one_of("network", name, list(trained_on))
+    return trained_on
 
 
 def group_networks(networks: Sequence[Judge]) -> dict[str, list[Judge]]:
