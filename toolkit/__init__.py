@@ -9,7 +9,7 @@ their insides may move.
 __version__ = "0.1.0"
 
 
-def _read_names():
+def _read_names() -> dict[str, str]:
     """Each name of the front door, and the module that it comes from."""
     with open(f"{__file__.removesuffix('c')}i", encoding="utf-8") as stub:  # noqa: PTH123 - pathlib would take longer
         imports = [line.split() for line in stub if line.startswith("from ")]
@@ -20,7 +20,7 @@ _HOMES = _read_names()
 __all__ = ["__version__", *_HOMES]
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> object:
     """Load a name of the list when it is first asked for (PEP 562)."""
     if name not in _HOMES:
         raise AttributeError(f"module 'toolkit' has no attribute '{name}'")
@@ -30,5 +30,5 @@ def __getattr__(name):
     return value
 
 
-def __dir__():
+def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
