@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from part_checks import check_gradient, count_changed, grey_noise
+from print_colours import print_colours
 
 from toolkit.boosters.patch_config import PATCHES, list_patch_inputs, make_config, use_printer
 from toolkit.boosters.pixel_config import DataConfig
@@ -17,7 +18,6 @@ from toolkit.imaging.printer import (
     ColourError,
     PrintProfile,
     ProfileMade,
-    print_colours,
     raise_terms,
     read_print_profile,
     white_paper,

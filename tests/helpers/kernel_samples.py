@@ -1,9 +1,40 @@
-"""Look-ups in textures for arrays of places: the kernel's, and the same by NumPy."""
+"""Look-ups in textures and baked light for arrays of places: the kernel's, and the same by NumPy."""
 
+import numba
 import numpy as np
 
-from toolkit.rig.kernel.textures import fill_colours
+from toolkit.rig.kernel.light import find_samples
+from toolkit.rig.kernel.textures import fill_colours, sample_direction
+from toolkit.rig.lighting import SampleIndex
 from toolkit.rig.textures import pack_textures
+
+jit = numba.njit(error_model="numpy")  # parts of kernels are called from compiled code alone
+
+
+def read_samples(grid: SampleIndex, stored: np.ndarray, triangle: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Interpolate stored values (k, c) at points: triangle (n,), barycentric weights (n, 2) of corners 1 and 2."""
+    found = np.empty((len(triangle), stored.shape[1]), np.float32)
+    _read_samples(grid.steps, grid.first, stored, triangle, uv, found)
+    return found
+
+
+@jit
+def _read_samples(steps, first, stored, triangle, uv, out):
+    for n in range(len(triangle)):
+        face = triangle[n]
+        a, b, c, wb, wc = find_samples(int(steps[face]), float(uv[n, 0]), float(uv[n, 1]))
+        start = first[face]
+        out[n] = stored[start + a] * (1 - wb - wc) + stored[start + b] * wb + stored[start + c] * wc
+
+
+@jit
+def look_towards(picture: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Colours (n, 3) of a picture of all directions (h, w, 4) towards (n, 3)."""
+    found = np.empty((len(directions), 3), np.float32)
+    for n in range(len(directions)):
+        x, y, z = directions[n, 0], directions[n, 1], directions[n, 2]
+        found[n, 0], found[n, 1], found[n, 2] = sample_direction(picture, float(x), float(y), float(z))
+    return found
 
 
 def sample(encoded: np.ndarray, u: np.ndarray, v: np.ndarray, lod: float = 0.0) -> np.ndarray:

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kernel_samples import read_samples
 
 from toolkit.core.cache import PLACE
 from toolkit.rig import lighting
-from toolkit.rig.lighting import BakeDetail, Shape, bake_lighting, bake_studio_light, read_samples
+from toolkit.rig.lighting import BakeDetail, Shape, bake_lighting, bake_studio_light
 from toolkit.rig.scene import KeyLight
 from toolkit.rig.studio import make_studio
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from kernel_samples import read_samples
 
-from toolkit.rig.lighting import MAX_STEPS, place_samples, read_samples
+from toolkit.rig.lighting import MAX_STEPS, place_samples
 
 RNG = np.random.default_rng(7)
 

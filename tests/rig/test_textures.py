@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from kernel_samples import sample, sample_by_numpy, texture_pyramid
+from kernel_samples import look_towards, sample, sample_by_numpy, texture_pyramid
 
 from toolkit.imaging.colour import LINEAR_OF_CODE, srgb_to_linear
-from toolkit.rig.kernel.textures import fill_colours, fill_radiance
+from toolkit.rig.kernel.textures import fill_colours
 from toolkit.rig.studio import make_studio
 from toolkit.rig.textures import (
     WHITE,
@@ -131,7 +131,6 @@ def test_the_kernel_looks_where_numpy_does():
     picture = RNG.uniform(0, 1, (32, 64, 3)).astype(np.float32)
     directions = RNG.normal(size=(5000, 3))
     directions[:6] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
-    found = np.empty((5000, 3), np.float32)
-    fill_radiance(pad_channels(picture), directions, found)
+    found = look_towards(pad_channels(picture), directions)
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     np.testing.assert_allclose(found, sample_directions(picture, unit), atol=1e-3)

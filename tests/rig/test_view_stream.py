@@ -8,8 +8,8 @@ from toolkit.objects.load import load_object
 from toolkit.rig.views import (
     HELD_OUT,
     TRAIN,
-    WHOLE_SPHERE,
     PaintableObject,
+    ViewRanges,
     ViewSettings,
     ViewStream,
     random_pose,
@@ -61,9 +61,9 @@ def test_successive_blocks_show_successive_objects(subject):
 
 def test_the_whole_sphere_is_covered_evenly(subject):
     """Elevations of points that are even over a sphere have uniform sines."""
-    camera_z = []
+    camera_z, sphere = [], ViewRanges((-90.0, 90.0), (-180.0, 180.0), (0.35, 0.95), 0.15, evenly=True)
     for i in range(600):
-        pose = random_pose(np.random.default_rng([9, i]), subject.bare.vertices, _camera(), WHOLE_SPHERE)
+        pose = random_pose(np.random.default_rng([9, i]), subject.bare.vertices, _camera(), sphere)
         camera_z.append(-pose[2, 2])  # the sine of the elevation that it looks down from
     share = np.histogram(camera_z, 5, (-1, 1))[0] / len(camera_z)
     assert np.abs(share - 0.2).max() < 0.06

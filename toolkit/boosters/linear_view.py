@@ -99,9 +99,6 @@ def tone_map(light: "torch.Tensor") -> "torch.Tensor":
     return torch.where(light <= 0.0031308, light * 12.92, 1.055 * light.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
 
 
-GRADIENTS = ("shaded", "linear")
-
-
 @dataclass(frozen=True)
 class ViewBatch:
     """Views as tensors; see `LinearView` for their meaning.
@@ -236,7 +233,7 @@ def show_texture(
     Args:
         texture: θ, (3, n, n) sRGB-encoded in [0, 1], dilated.
         batch: of the views.
-        gradient: one of `GRADIENTS`.
+        gradient: `shaded` or `linear`.
         light: factor on all light, broadcast to (b, 3, 1, 1).
 
     Returns:

@@ -16,8 +16,8 @@ SIGNIFICANT = 0.05
 Interval = tuple[float, float]
 
 
-def wilson_interval(successes: int, trials: int, z: float = Z_95) -> Interval:
-    """Return the Wilson score interval of a proportion, 95 % by default; (0, 1) without trials.
+def wilson_interval(successes: int, trials: int) -> Interval:
+    """Return the 95 % Wilson score interval of a proportion; (0, 1) without trials.
 
     It keeps its coverage for few trials and for shares near 0 and 1 (Wilson 1927; Brown, Cai and DasGupta 2001).
 
@@ -28,7 +28,7 @@ def wilson_interval(successes: int, trials: int, z: float = Z_95) -> Interval:
         raise ToolkitError(f"{successes} successes of {trials} trials: expected 0 to {trials} of them")
     if trials == 0:
         return 0.0, 1.0
-    share = successes / trials
+    share, z = successes / trials, Z_95
     # Wilson (1927): the roots p of (share - p)^2 = z^2 p (1 - p) / trials
     centre = share + z * z / (2 * trials)
     half = z * sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
@@ -195,16 +195,16 @@ def cohen_kappa(both: int, first_only: int, second_only: int, neither: int) -> f
 BOOTSTRAP_DRAWS = 4000
 
 
-def resample_clusters(count: int, draws: int = BOOTSTRAP_DRAWS, seed: int = 0) -> "np.ndarray":
-    """Return (draws, count) float: the number of times that each cluster is in each bootstrap sample.
+def resample_clusters(count: int) -> "np.ndarray":
+    """Return (BOOTSTRAP_DRAWS, count) float: the number of times that each cluster is in each bootstrap sample.
 
     Trials of a cluster, such as images of a place, are drawn together (Field and Welsh 2007). With very few clusters
     the percentile intervals are too narrow: five clusters have 126 different samples.
     """
     import numpy as np
 
-    rng = np.random.default_rng([seed, count])
-    return rng.multinomial(count, np.full(count, 1 / count), draws).astype(float)
+    rng = np.random.default_rng([0, count])
+    return rng.multinomial(count, np.full(count, 1 / count), BOOTSTRAP_DRAWS).astype(float)
 
 
 def percentile_interval(values: "np.ndarray") -> Interval | None:

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from toolkit.core.files import read_json, write_json
-from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
+from toolkit.imaging.colour import srgb_to_linear
 
 SOLIDS = np.array(
     [
@@ -73,8 +73,6 @@ def _nearest_on_triangle(points: np.ndarray, triangle: np.ndarray) -> np.ndarray
     return nearest
 
 
-NOISE_VARIATION = 1 / 3
-"""Total variation of uniform noise: the mean distance of two numbers that are drawn from [0, 1]."""
 DULL = 0.05
 """Non-printability beyond which the print looks plainly duller than the screen; uniform noise has 0.09."""
 
@@ -202,12 +200,6 @@ def raise_terms(encoded: np.ndarray, power: float, exponents: tuple[Exponents, .
     """(..., k) the polynomial's terms at sRGB-encoded colours (..., 3) in [0, 1]."""
     raised = np.asarray(encoded, float) ** power
     return np.stack([np.prod(raised ** np.array(term), axis=-1) for term in exponents], axis=-1)
-
-
-def print_colours(profile: PrintProfile, encoded: np.ndarray) -> np.ndarray:
-    """(..., 3) sRGB-encoded colours in [0, 1] of the print of a file's colours, in neutral light."""
-    terms = raise_terms(encoded, profile.power, profile.exponents)
-    return linear_to_srgb(terms @ np.array(profile.coefficients) * np.array(profile.paper_linear))
 
 
 def read_print_profile(file: Path) -> PrintProfile:

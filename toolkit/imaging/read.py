@@ -79,9 +79,9 @@ def read_opaque(path: Path) -> np.ndarray:
     return pixels
 
 
-def decode_image(content: bytes, name: Path, short_side_px: int | None = None) -> np.ndarray:
+def decode_image(content: bytes, name: Path) -> np.ndarray:
     """`read_image` of bytes in memory; `name` stands for them in errors."""
-    return _decode(Path(name), content, short_side_px)
+    return _decode(Path(name), content, None)
 
 
 @contextlib.contextmanager

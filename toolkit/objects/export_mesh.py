@@ -52,11 +52,6 @@ class Soundness:
     thinnest_mm: float | None
     thin_share: float
 
-    @property
-    def is_watertight(self) -> bool:
-        """Whether every edge joins two triangles that face the same way."""
-        return self.open_edges == self.tangled_edges == 0
-
     def describe(self) -> str:
         """Describe it in a line."""
         parts = [(self.open_edges, "open"), (self.tangled_edges, "tangled")]
@@ -68,11 +63,11 @@ class Soundness:
         return f"{closed}; walls from {self.thinnest_mm:.2g} mm{thin}"
 
 
-def examine_solid(mesh: Mesh, seed: int = 0) -> Soundness:
+def examine_solid(mesh: Mesh) -> Soundness:
     """Count the edges that are not closed, and measure the walls of a mesh in millimetres.
 
     A wall's thickness at a place is the length of a ray straight inwards, to where it leaves the object and all parts
-    that overlap. Rays are cast from `SAMPLES` places spread by area, drawn by `seed`.
+    that overlap. Rays are cast from `SAMPLES` places spread by area.
     """
     faces = join_places(mesh)[1]
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
@@ -83,7 +78,7 @@ def examine_solid(mesh: Mesh, seed: int = 0) -> Soundness:
     balance = np.bincount(index, np.where(edges[:, 0] == low, 1, -1), minlength=len(first))
     open_edges = int((count == 1).sum())
     tangled = int(((count > 2) | ((count == 2) & (balance != 0))).sum())
-    walls = _measure_walls(mesh, np.random.default_rng(seed))
+    walls = _measure_walls(mesh, np.random.default_rng(0))
     if not len(walls):
         return Soundness(open_edges, tangled, None, 0.0)
     return Soundness(open_edges, tangled, float(np.quantile(walls, 0.001)), float((walls < THIN_MM).mean()))

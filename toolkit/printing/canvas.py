@@ -221,9 +221,7 @@ class Pdf(ReportLabCanvas):
         self.ink(colour)
         return self.text(text, x, y, size_mm, room_mm=room_mm, font=font, align=align)
 
-    def write_lines(
-        self, text: str, x: float, y: float, size_mm: float, room_mm: float, colour: Colour = INK
-    ) -> float:  # fmt: skip
+    def write_lines(self, text: str, x: float, y: float, size_mm: float, room_mm: float) -> float:
         """A paragraph broken at blanks, first baseline at y; returns the baseline that a next line would have."""
         line = ""
         words = _drawable(text, PLAIN).split(" ")
@@ -231,7 +229,7 @@ class Pdf(ReportLabCanvas):
             line = f"{line} {word}".strip()
             following = f"{line} {words[i + 1]}" if i + 1 < len(words) else None
             if following is None or measure_text_mm(following, PLAIN, size_mm) > room_mm:
-                self.write(line, x, y, size_mm, room_mm=room_mm, colour=colour)
+                self.write(line, x, y, size_mm, room_mm=room_mm)
                 y -= 1.38 * size_mm
                 line = ""
         return y
@@ -341,10 +339,11 @@ class Pdf(ReportLabCanvas):
         self.ink(colour)
         self.roundRect(area.x, area.y, area.width, area.height, 1.6, stroke=0, fill=1)
 
-    def camera(self, at: Point, angle_deg: float, size: float = 3.4) -> None:
+    def camera(self, at: Point, angle_deg: float) -> None:
         """A camera whose lens is at `at` and looks along the angle."""
         with self.moved(*at, angle_deg):
             self.ink(CAMERA)
+            size = 3.4  # mm
             self.roundRect(-1.25 * size, -0.5 * size, 0.9 * size, size, 0.14 * size, stroke=0, fill=1)
             self.shape([(u * size, v * size) for u, v in ((-0.4, -0.18), (0, -0.34), (0, 0.34), (-0.4, 0.18))])
 

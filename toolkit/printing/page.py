@@ -169,14 +169,14 @@ class SheetTile:
         }  # fmt: skip
 
 
-def split_length(length_mm: float, most_mm: float, overlap_mm: float = OVERLAP_MM) -> list[tuple[float, float]]:
-    """Equal spans (start, length) of at most `most_mm` that cover a length and overlap by `overlap_mm`."""
+def split_length(length_mm: float, most_mm: float) -> list[tuple[float, float]]:
+    """Equal spans (start, length) of at most `most_mm` that cover a length and overlap by `OVERLAP_MM`."""
     if length_mm <= most_mm:
         return [(0.0, length_mm)]
     # count · span - (count - 1) · overlap = length
-    count = math.ceil((length_mm - overlap_mm) / (most_mm - overlap_mm))
-    span = (length_mm + (count - 1) * overlap_mm) / count
-    return [(index * (span - overlap_mm), span) for index in range(count)]
+    count = math.ceil((length_mm - OVERLAP_MM) / (most_mm - OVERLAP_MM))
+    span = (length_mm + (count - 1) * OVERLAP_MM) / count
+    return [(index * (span - OVERLAP_MM), span) for index in range(count)]
 
 
 def tile_sheet(width_mm: float, height_mm: float, most_width_mm: float, most_height_mm: float) -> list[SheetTile]:

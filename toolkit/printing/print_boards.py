@@ -269,13 +269,13 @@ class PrintedBoard:
 
 def write_print(
     kind: str, folder: Path, name: str, content: bytes, plans: Sequence[PagePlan], size_mm: tuple[float, float],
-    description: str, spec_file: Path | None = None, note: str | None = None,
+    description: str, note: str | None = None,
 ) -> PrintedBoard:  # fmt: skip
     """Write a PDF into a folder under that name, or to `folder` if that is a PDF; see `PrintedBoard`."""
     file, paper = name_pdf(folder, name), plans[0].frame.paper
     write_bytes(file, content)
     return PrintedBoard(
-        kind=kind, file=str(file), spec_file=None if spec_file is None else str(spec_file), description=description,
+        kind=kind, file=str(file), spec_file=None, description=description,
         size_mm=(round(size_mm[0], 3), round(size_mm[1], 3)), paper=paper.name, orientation=paper.orientation,
         pages=sum(len(plan.pages) for plan in plans), tiles=plans[0].tiles, note=note,
     )  # fmt: skip

@@ -327,19 +327,19 @@ def _name_targets(worn: Sequence[tuple[Path, Wearer | None]], out: Path) -> list
     return targets
 
 
-def print_all(workspace: Workspace, settings: PrintSettings | None = None) -> list[PrintedPatch]:
+def print_all(workspace: Workspace) -> list[PrintedPatch]:
     """Print every known patch into the workspace's `print/`, see `print_patches`.
 
     Raises:
         ToolkitError: there is no patch, or one of them cannot be printed.
     """
     files = select_patches(workspace, everything=True)
-    return print_patches(files, workspace.print_dir, settings, workspace=workspace)[0]
+    return print_patches(files, workspace.print_dir, workspace=workspace)[0]
 
 
-def compare_with_rig(workspace: Workspace, printed: PrintedPatch, png_file: Path | None = None) -> list[str]:
+def compare_with_rig(workspace: Workspace, printed: PrintedPatch) -> list[str]:
     """Say what to do if the object has the patch in another size than was printed, and name broken specs."""
-    png_file = png_file or workspace.patches().get(printed.name)
+    png_file = workspace.patches().get(printed.name)
     if png_file is None:
         return []
     wearers, broken = find_wearers(workspace, png_file)

@@ -16,7 +16,7 @@ from toolkit.core.cache import keep_arrays
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.objects.mesh import Mesh, hash_triangles, load_open3d, make_ray_scene
 from toolkit.rig.camera import orbit_direction
-from toolkit.rig.kernel.light import gather_key, gather_light, make_shadow_rays, read_stored
+from toolkit.rig.kernel.light import gather_key, gather_light, make_shadow_rays
 from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
 from toolkit.rig.textures import blur_directions, pad_channels, sample_directions
 
@@ -99,13 +99,6 @@ def place_samples(
 
 # odd factors: multiplying by them loses no bit of a 64-bit key
 _MIX = np.random.default_rng(0).integers(1, 2**63, 7, dtype=np.uint64) | np.uint64(1)
-
-
-def read_samples(grid: SampleIndex, stored: np.ndarray, triangle: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """Interpolate stored values (k, c) at points: triangle (n,), barycentric weights (n, 2) of corners 1 and 2."""
-    found = np.empty((len(triangle), stored.shape[1]), np.float32)
-    read_stored(grid.steps, grid.first, stored, triangle, uv, found)
-    return found
 
 
 def _barycentric_grid(r: int) -> np.ndarray:

@@ -33,12 +33,13 @@ PALE_PERCENT = 10.0
 sees: "crossword puzzle" and "scoreboard" instead of the object (docs/results.md). Cameras find the pale board as
 well."""
 LEAST_INK_PERCENT = 5.0
+MOST_MM = 5000.0
 
 
-def require_mm(what: str, value: float, most: float = 5000.0) -> None:
-    """Check a length; raises a `ToolkitError` if it is not above 0, or over `most`."""
-    if not (math.isfinite(value) and 0 < value <= most):
-        raise ToolkitError(f"{what}: expected millimetres above 0 and up to {most:g}, found {value:g}")
+def require_mm(what: str, value: float) -> None:
+    """Check a length; raises a `ToolkitError` if it is not above 0, or over `MOST_MM`."""
+    if not (math.isfinite(value) and 0 < value <= MOST_MM):
+        raise ToolkitError(f"{what}: expected millimetres above 0 and up to {MOST_MM:g}, found {value:g}")
 
 
 def sheet_to_world(points_mm: np.ndarray, size_mm: tuple[float, float]) -> np.ndarray:

@@ -60,13 +60,16 @@ def _develop(picture: np.ndarray, grain: np.ndarray, state: np.ndarray, noise: f
     return coded
 
 
-def _make_codes(steps: int = 4096) -> tuple[np.ndarray, np.ndarray]:
-    """The sRGB code of the lower end of each of `steps` bands of [0, 1], and the light at which the next one starts."""
+BANDS = 4096
+
+
+def _make_codes() -> tuple[np.ndarray, np.ndarray]:
+    """The sRGB code of the lower end of each of `BANDS` of [0, 1], and the light at which the next code starts."""
     # rounding to the nearest code: the next begins halfway, in codes
     starts = srgb_to_linear((np.arange(1, 257) - 0.5) / 255).astype(np.float32)
     # nothing comes after 255
     starts[-1] = np.inf
-    lower = np.round(linear_to_srgb(np.arange(steps + 1) / steps) * 255).astype(np.uint8)
+    lower = np.round(linear_to_srgb(np.arange(BANDS + 1) / BANDS) * 255).astype(np.uint8)
     return lower, starts
 
 

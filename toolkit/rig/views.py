@@ -62,7 +62,6 @@ class ViewRanges:
 
 
 NEAR_VIEWS = ViewRanges()
-WHOLE_SPHERE = ViewRanges((-90.0, 90.0), (-180.0, 180.0), (0.35, 0.95), 0.15, evenly=True)
 WIDE_VIEWS = ViewRanges((5.0, 80.0), (-20.0, 20.0), (0.35, 1.05), 0.15)
 
 

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from print_colours import print_colours
 
 from toolkit.captures.manifest import read_manifest
 from toolkit.captures.read import read_captures
@@ -414,7 +415,7 @@ def test_real_photographs_predict_each_other() -> None:
 
 @pytest.mark.slow
 def test_a_profile_of_photographed_patches_prints_as_their_printer_does(tmp_path: Path) -> None:
-    from toolkit.imaging.printer import print_colours, white_paper
+    from toolkit.imaging.printer import white_paper
     from toolkit.rooms.photos.prints.profile_photos import profile_patches
 
     known = [KnownPatch(f"p{seed}", make_patch(seed)) for seed in (1, 2)]

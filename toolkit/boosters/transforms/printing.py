@@ -171,7 +171,7 @@ class ProfiledPrint(ImageTransform):
         return self.colour(spread_ink(some, drawn[0] / self.texel_mm))
 
     def colour(self, pixels: "torch.Tensor") -> "torch.Tensor":
-        """The profile's colours of (b, 3, h, w), as `toolkit.imaging.printer.print_colours`; differentiable."""
+        """The profile's colours of (b, 3, h, w), sRGB-encoded in [0, 1], in neutral light; differentiable."""
         import torch
 
         powers = [torch.ones_like(pixels), pixels.clamp(0, 1) ** self.power]

@@ -70,20 +70,6 @@ def find_samples(steps: int, u: float, v: float) -> tuple[int, int, int, float, 
     return row + i, row + i + 1, above + i, fx, fy
 
 
-@kernel
-def read_stored(
-    steps: np.ndarray, first: np.ndarray, stored: np.ndarray, triangle: np.ndarray, uv: np.ndarray, out: np.ndarray
-) -> None:
-    """Fill `out` (n, c) with stored values (k, c) at points: triangle (n,), weights (n, 2) of corners 1 and 2."""
-    for n in range(len(triangle)):
-        face = triangle[n]
-        a, b, c, wb, wc = find_samples(int(steps[face]), float(uv[n, 0]), float(uv[n, 1]))
-        start = first[face]
-        for k in range(stored.shape[1]):
-            value = stored[start + a, k] * (1 - wb - wc) + stored[start + b, k] * wb + stored[start + c, k] * wc
-            out[n, k] = value
-
-
 class LightMap(NamedTuple):
     """Irradiance of the ground over a square round the object, which may stand turned and moved."""
 

@@ -136,11 +136,3 @@ def fill_colours(texels: Texels, texture: np.ndarray, uv: np.ndarray, lod: np.nd
         u, v = np.float64(uv[n, 0]), np.float64(uv[n, 1])  # as `shade` looks: another type would be compiled apart
         colour = sample_texture(texels, int(texture[n]), u, v, np.float64(lod[n]), True)
         found[n, 0], found[n, 1], found[n, 2] = colour
-
-
-@kernel
-def fill_radiance(picture: np.ndarray, directions: np.ndarray, found: np.ndarray) -> None:
-    """Fill `found` (n, 3) with `sample_direction` towards (n, 3)."""
-    for n in range(len(directions)):
-        x, y, z = directions[n, 0], directions[n, 1], directions[n, 2]
-        found[n, 0], found[n, 1], found[n, 2] = sample_direction(picture, float(x), float(y), float(z))

@@ -14,11 +14,9 @@ from pydantic import Field
 
 from toolkit.core.config import align_rows
 from toolkit.core.draws import Draws
-from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.corruptions.catalogue import SEVERITIES
 from toolkit.rooms.worlds.clouds import paint_noise
 from toolkit.rooms.worlds.conditions import check_weather
-from toolkit.rooms.worlds.fog import CONTRAST_LOG, LADDER_M, DepthFog, Dust, find_visibility, hang_veil
+from toolkit.rooms.worlds.fog import DepthFog, Dust, find_visibility, hang_veil
 from toolkit.rooms.worlds.particles import AffineLight, DepthView, InWind, Population, draw_coverage, lay_particles
 
 RAIN_MM_H = (5.0, 10.0, 25.0, 50.0, 100.0)
@@ -275,52 +273,13 @@ def add_weather(
     return weather.change_light(view, airlight, rng).apply(light)
 
 
-def _on_ladder(value: float, ladder: Sequence[float]) -> float:
-    """Value of a ladder at severity 5 · value: between rungs by the logarithm, below the first in proportion."""
-    severity = 5 * value
-    if severity < 1:
-        return ladder[0] * severity
-    return float(np.exp(np.interp(severity, SEVERITIES, np.log(ladder))))
-
-
-def _fog_from_airsim(value: float, kind: type[DepthFog] | type[Dust]) -> Weather:
-    # in extinction, which grows with the amount of fog; visibility falls with it
-    extinction = _on_ladder(value, [CONTRAST_LOG / visibility_m for visibility_m in LADDER_M])
-    return kind(visibility_m=CONTRAST_LOG / extinction)
-
-
-AIRSIM = {
-    "Fog": lambda value: _fog_from_airsim(value, DepthFog),
-    "Dust": lambda value: _fog_from_airsim(value, Dust),
-    "Rain": lambda value: Rain(rate_mm_h=_on_ladder(value, RAIN_MM_H), wetness=0),
-    "Roadwetness": lambda value: Rain(rate_mm_h=0, wetness=value),
-    "Snow": lambda value: Snow(rate_mm_h=_on_ladder(value, SNOW_MM_H), cover=0),
-    "RoadSnow": lambda value: Snow(rate_mm_h=0, cover=value),
-}
-"""Counterpart of each of AirSim's `WeatherParameter`s, as a function of its 0 to 1. A convention: AirSim's numbers are
-densities of particles with no visibility behind them. 0.2, 0.4, … 1 are our severities 1 to 5."""
-AIRSIM_MISSING = ("MapleLeaf", "RoadLeaf")
 TO_AIRSIM = {"fog": "Fog", "dust": "Dust", "rain": "Rain", "snow": "Snow"}
-
-
-def from_airsim(name: str, value: float) -> Weather:
-    """The weather that stands here for a parameter of AirSim, see `AIRSIM`; 0 is clear air.
-
-    Raises:
-        ToolkitError: AirSim has no such parameter, or it has no counterpart here.
-        FieldError: the value is not in [0, 1].
-    """
-    if name in AIRSIM_MISSING:
-        raise ToolkitError(f"AirSim's {name}: leaves have no counterpart; known: {', '.join(AIRSIM)}")
-    if name not in AIRSIM:
-        raise one_of("weather of AirSim's", name, list(AIRSIM))
-    if not 0 <= value <= 1:
-        raise FieldError(f"AirSim's {name}: expected 0 to 1", {"value": value})
-    return AIRSIM[name](value) if value else Clear()
+"""AirSim's `WeatherParameter` of each weather. A convention: its numbers are densities of particles with no visibility
+behind them. Severities 1 to 5 are 0.2, 0.4, … 1."""
 
 
 def to_airsim(name: str, severity: int) -> dict[str, float]:
-    """AirSim's parameters, each 0 to 1, that stand for a weather: the inverse of `from_airsim`; none for clear air.
+    """AirSim's parameters, each 0 to 1, that stand for a weather; none for clear air. See `TO_AIRSIM`.
 
     Rain brings its wet ground with it, snow its cover.
 

@@ -25,6 +25,8 @@ ABOVE_M = 1.0
 CONTACT = 1e-3
 """An object stands on its vertices within this share of its length above its base."""
 KERB_M = 0.3
+BOX_RAYS = 24
+"""Along each side of an object's box."""
 
 
 @dataclass(frozen=True)
@@ -79,22 +81,20 @@ def find_spot(world: World, name: str) -> Spot:
 
 
 def choose_places(
-    world: World, radius_m: float, count: int, seed: int = 0, without: Collection[str] = (),
-    kinds: Collection[str] = DRY,
-) -> tuple[Spot, ...]:  # fmt: skip
+    world: World, radius_m: float, count: int, seed: int = 0, kinds: Collection[str] = DRY
+) -> tuple[Spot, ...]:
     """Draw places that are free of walls and everything else for `radius_m` around.
 
     Streets, crossings, squares, roofs, water and so on take turns, in an order drawn by the seed, so that few places
     are not all of the same kind. The first of more places are those of fewer.
 
     Args:
-        without: names of places that are not meant, such as those that others have taken.
         kinds: what the object may stand on: ground, roof, water.
 
     Raises:
         ToolkitError: the object is larger than every place, or there are fewer places for it than are asked for.
     """
-    spots = [spot for spot in world.spots if spot.name not in without and spot.kind in kinds]
+    spots = [spot for spot in world.spots if spot.kind in kinds]
     wide = [spot for spot in spots if spot.free_radius_m >= radius_m]
     # rays are cast for wide ones alone: the stored radius is the cheaper test, and comes first
     free = [spot for spot in wide if is_clear(world, spot, radius_m)]
@@ -196,13 +196,13 @@ def _stand_height(world: World, spot: Spot, points: np.ndarray) -> float:
     return spot.position[2] + ABOVE_M - float(fall)
 
 
-def _has_free_box(world: World, placed: Placed, across: int = 24) -> bool:
+def _has_free_box(world: World, placed: Placed) -> bool:
     """Whether rays down through an object's box meet nothing that is higher than a kerb."""
     low, high = placed.mesh.bounds.astype(np.float64)
     if high[2] - low[2] <= KERB_M:
         return True
-    x, y = (np.linspace(low[k], high[k], across) for k in (0, 1))
-    top = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((across, across), high[2])], axis=-1).reshape(-1, 3)
+    x, y = np.meshgrid(*(np.linspace(low[k], high[k], BOX_RAYS) for k in (0, 1)), indexing="ij")
+    top = np.stack([x, y, np.full_like(x, high[2])], axis=-1).reshape(-1, 3)
     rays = np.zeros((len(top), 6), np.float32)
     rays[:, :3], rays[:, 5] = placed.stand.to_world(top), -1
     return bool(cast_rays(world.shape.rays, rays).min() >= high[2] - low[2] - KERB_M)

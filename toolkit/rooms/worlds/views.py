@@ -2,7 +2,7 @@
 
 None is a view of an evaluation's grid. Its cameras are a lattice that looks at the object's middle. Here position,
 roll, field of view and aim are drawn from continuous ranges, and so are the object's place and turn. By default the
-world is another world (`TRAINED_SEED`). In the evaluated world, the places that an evaluation draws by default are left
+world is another world. In the evaluated world, the places that an evaluation draws by default are left
 out while there are others.
 """
 
@@ -26,8 +26,8 @@ from toolkit.rooms.worlds.place import choose_places, find_radius, is_clear, pla
 from toolkit.rooms.worlds.sky import Sky, make_sky
 from toolkit.rooms.worlds.world import Spot, World
 
-TRAINED_SEED, EVALUATED_SEED, EVALUATED_PLACES = 1, 0, 5
-"""Number of the world that is trained in by default; that an evaluation uses, and of the places it draws there."""
+EVALUATED_SEED, EVALUATED_PLACES = 0, 5
+"""Number of the world that an evaluation uses, and of the places it draws there."""
 HELD_OUT_EVERY = 4
 """One place of so many is held out."""
 FOV_DEG = (40.0, 60.0)

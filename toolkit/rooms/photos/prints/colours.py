@@ -74,7 +74,6 @@ class ColourComparison:
     error: ColourError
     bias: tuple[float, float, float]
     rms: tuple[float, float, float]
-    n_pixels: int
     white_from: str
 
 
@@ -144,7 +143,7 @@ def compare_light(seen: np.ndarray, meant: np.ndarray, white_from: str) -> Colou
     difference = linear_to_srgb(seen).astype(float) - linear_to_srgb(meant)
     bias, rms = difference.mean(axis=0), np.sqrt((difference**2).mean(axis=0))
     error = measure_error(seen, meant)
-    return ColourComparison(error, tuple(bias.tolist()), tuple(rms.tolist()), len(meant), white_from)
+    return ColourComparison(error, tuple(bias.tolist()), tuple(rms.tolist()), white_from)
 
 
 def measure_error(seen: np.ndarray, meant: np.ndarray) -> ColourError:

@@ -121,10 +121,10 @@ class GhostRenderer:
         return _Stage(mesh, 0 if booster.alone else len(item.mesh.materials))
 
 
-def square_camera(camera: Camera, side_px: int = SIDE_PX) -> Camera:
+def square_camera(camera: Camera) -> Camera:
     """The camera that sees the square in the middle of a plan's frame, as wide as the frame's shorter side."""
     shorter = min(camera.width, camera.height)
-    return Camera.from_focal_px(side_px, side_px, camera.fx * side_px / shorter)
+    return Camera.from_focal_px(SIDE_PX, SIDE_PX, camera.fx * SIDE_PX / shorter)
 
 
 def paint_lines(seen: _Rendered) -> np.ndarray:

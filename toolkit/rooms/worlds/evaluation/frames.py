@@ -26,8 +26,6 @@ FRAMES = Work("world frame", 1, old_at=0)
 if TYPE_CHECKING:
     import torch
 
-METHOD_VERSION = 1
-"""Raised when the same inputs give other answers."""
 WeatherKey = tuple[str, int]
 """Name and severity."""
 OBJECT_ID, BOOSTER_ID, SKY_ID = 100, 101, 255
