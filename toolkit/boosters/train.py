@@ -14,6 +14,7 @@ from toolkit.boosters.texture import TrainedTexture
 from toolkit.boosters.validation import Validation
 from toolkit.boosters.wrap_task import TrainedWrap
 from toolkit.core.errors import FieldError
+from toolkit.core.text import join_words
 from toolkit.core.workspace import Workspace, copy_objects
 from toolkit.models.network import Classifier
 from toolkit.objects.spec import ObjectSpec, PatchMount, read_spec, write_mounts
@@ -216,7 +217,7 @@ def _describe_misfit(name: str, spec: ObjectSpec, asked_mm: float | None) -> str
     if not asked_mm or not others_mm:
         return ""
     return (
-        f"{name}: trained for {asked_mm:g} mm, but the rig mounts its patch at {' and '.join(others_mm)} mm: set "
+        f"{name}: trained for {asked_mm:g} mm, but the rig mounts its patch at {join_words(others_mm)} mm: set "
         "size_mm under [patch] in its spec"
     )
 

@@ -10,7 +10,7 @@ from toolkit.captures.render import ObjectPreview, preview_object
 from toolkit.captures.shoot import ShootSettings, studio_for
 from toolkit.core.errors import FieldError
 from toolkit.core.files import write_bytes
-from toolkit.core.text import quote
+from toolkit.core.text import join_words, quote
 from toolkit.core.workspace import Workspace
 from toolkit.models.find import find_class
 from toolkit.objects.add import DEFAULT_PATCH_MM, AddedObject, add_object
@@ -282,7 +282,7 @@ def _describe_offset(mount: PatchMount) -> str:
         for shift, way in zip(mount.offset_mm, ways, strict=True)
         if round(shift, 1)
     ]
-    return " and ".join(moves) or "there"
+    return join_words(moves) or "there"
 
 
 def describe_small_sheet(item: TableObject) -> str:

@@ -22,6 +22,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, core_schema
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of, show_value
+from toolkit.core.text import join_words
 
 Range = tuple[float, float]
 UNITS = {"m_s": " m/s", "deg": "°", "mm": " mm", "px": " px", "m": " m", "s": " s"}
@@ -214,8 +215,7 @@ def expected_of(info: FieldInfo, found: object = None) -> str:
     if get_origin(kind) is Literal:
         known = [str(choice) for choice in get_args(kind)]
         near = get_close_matches(str(found), known, n=1)
-        listed = known[0] if len(known) == 1 else f"{', '.join(known[:-1])} or {known[-1]}"
-        return listed + (f"; did you mean {near[0]}?" if near else "")
+        return join_words(known, "or") + (f"; did you mean {near[0]}?" if near else "")
     # for a number out of bounds the bounds are enough
     words, bounds = KINDS.get(kind, ""), bounds_of(info)
     return ", ".join(filter(None, [words, bounds])) if not bounds or isinstance(found, str) else bounds
@@ -236,7 +236,7 @@ def bounds_of(info: FieldInfo) -> str:
                 high = f"below {bound:.12g}"
     if low.startswith("at least") and high.startswith("at most"):
         return f"{low.removeprefix('at least ')} to {high.removeprefix('at most ')}"
-    return " and ".join(filter(None, [low, high]))
+    return join_words(filter(None, [low, high]))
 
 
 def typed_as(info: FieldInfo) -> Any:

@@ -5,7 +5,7 @@ import os
 import re
 import shlex
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -90,6 +90,12 @@ def _is_shown(sign: str) -> bool:
 def count_of(count: int, noun: str) -> str:
     """Return a number with its noun: `1 pair`, `2 pairs`."""
     return f"{count} {noun}{'s' if count != 1 else ''}"
+
+
+def join_words(words: Iterable[str], last: str = "and") -> str:
+    """Return words as a list in a sentence: `a`, `a and b`, `a, b and c`."""
+    listed = list(words)
+    return f" {last} ".join(filter(None, (", ".join(listed[:-1]), *listed[-1:])))
 
 
 def list_some(names: Sequence[str], most: int) -> str:

@@ -14,7 +14,7 @@ from toolkit.captures.read import POOLED
 from toolkit.captures.truth import outline_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.tables import format_kappa, format_p, format_points, format_test
-from toolkit.core.text import count_of
+from toolkit.core.text import count_of, join_words
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.metrics import OWNERS, Comparison, Pair, describe_change, name_booster, rank_variant
 from toolkit.evaluation.prediction import Prediction
@@ -291,13 +291,13 @@ def write_agreement(network: str, found: RendererAgreement) -> list[Verdict]:
             tone, verdict = "good", f"{gain} holds in {'both' if len(rows) == 2 else f'all {len(rows)}'} renderers"
         else:
             rest = [names[row.source] for row in rows if row.source not in holds]
-            start = f"{gain} holds in {_join([names[one] for one in holds])}, and is" if holds else f"{gain} is"
-            tone, verdict = "open", f"{start} not shown in {_join(rest)}"
+            start = f"{gain} holds in {join_words([names[one] for one in holds])}, and is" if holds else f"{gain} is"
+            tone, verdict = "open", f"{start} not shown in {join_words(rest)}"
         if harms:
-            tone, verdict = "bad", f"{verdict}; it does harm in {_join([names[one] for one in harms])}"
+            tone, verdict = "bad", f"{verdict}; it does harm in {join_words([names[one] for one in harms])}"
         counts = "; ".join(f"{names[row.source]} {describe_gain(row)}" for row in rows)
         sentence = f"Correct answers of {network}, without → with {name_booster(variant)}, on the same poses: {counts}."
-        verdicts.append(Verdict(tone, sentence, verdict, _join(found.sources), variant))
+        verdicts.append(Verdict(tone, sentence, verdict, join_words(found.sources), variant))
     return verdicts
 
 
@@ -306,10 +306,6 @@ def describe_gain(row: Comparison) -> str:
     found = row.outcomes
     changed = f"{found.only_second} gained, {found.only_first} lost, {format_test(found.mcnemar_p)}"
     return f"{found.n_first} → {found.n_second} of {found.n} ({changed})"
-
-
-def _join(names: Sequence[str]) -> str:
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 GAIN_HEADS = ("variant", "renderer", "n", "without", "with", "gained", "lost", "points", "p")

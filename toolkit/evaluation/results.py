@@ -13,6 +13,7 @@ from toolkit.captures.read import POOLED
 from toolkit.core.child import without_collector
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json
+from toolkit.core.text import join_words
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.agreement import RendererAgreement, compare_renderers, write_agreement
 from toolkit.evaluation.ground_truth import describe_both
@@ -146,7 +147,7 @@ def describe_unseen(network: str, training: Sequence[Training]) -> list[str]:
         names = dict.fromkeys(booster.object for booster in some)
         archs = dict.fromkeys(trained.arch for booster in some for trained in booster.networks)
         whose = ", ".join(names) if len(names) <= MOST_NAMED else f"{len(names)} objects"
-        on = " and ".join(archs) or "no network"
+        on = join_words(archs) or "no network"
         if network in archs:
             on += " with other weights"
         lines.append(f"{source}: {variant} ({whose}) was trained on {on}; {network} was not seen in training")

@@ -12,6 +12,7 @@ import torch
 from torch import nn
 
 from toolkit.core.errors import FieldError, ToolkitError, foreign_code
+from toolkit.core.text import join_words
 from toolkit.models.decoders import (
     Decoder,
     Dense,
@@ -312,7 +313,7 @@ def _find_family(answers: object, own: LabelsFile, size: int, arch: str) -> tupl
     family = own.decoder or guessed
     # a description that names another family than the shape has is wrong as well
     if family is None or guessed != family:
-        found = " and ".join("×".join(map(str, shape)) or "no tensor" for shape in shapes)
+        found = join_words("×".join(map(str, shape)) or "no tensor" for shape in shapes)
         what = f"a {family}" if family else "a detector of a known family"
         raise FieldError(
             f"gives {found} for 2 images of {size} px, which is not {what}: expected {describe_expected(size)}"

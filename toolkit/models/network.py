@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from toolkit.core.errors import FieldError, ToolkitError, describe_failure, one_of
+from toolkit.core.text import join_words
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.models.labels import (
     BESIDE_FILE,
@@ -316,7 +317,7 @@ def match_classes(names: Sequence[str], classifier: Classifier, root: Path, fiel
     for name in names:
         same = [other for other in names if index_of[other] == index_of[name]]
         if len(same) > 1:
-            raise ToolkitError(f"{root}: {' and '.join(same)} are the same class: join the folders")
+            raise ToolkitError(f"{root}: {join_words(same)} are the same class: join the folders")
     return index_of
 
 

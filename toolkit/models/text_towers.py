@@ -13,6 +13,7 @@ from toolkit.core.child import limit_memory
 from toolkit.core.errors import FieldError, ToolkitError, describe_failure, foreign_code
 from toolkit.core.extras import import_package
 from toolkit.core.files import load_json, sha256_bytes, sha256_file
+from toolkit.core.text import join_words
 from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX
 from toolkit.models.heads import choose_output
 from toolkit.models.weights import TRYING_BYTES, open_weights
@@ -131,7 +132,7 @@ def _open_program(path: Path) -> tuple[_Runner, str]:
 def _check_shapes(path: Path, shapes: list[tuple[int | None, ...]]) -> tuple[int | None, int | None]:
     """Return the numbers of tokens and texts of a tower; None: any."""
     if len(shapes) not in (1, 2) or any(len(shape) != 2 for shape in shapes):
-        found = " and ".join("×".join("?" if side is None else str(side) for side in shape) for shape in shapes)
+        found = join_words("×".join("?" if side is None else str(side) for side in shape) for shape in shapes)
         raise ToolkitError(f"{path}: takes {found or 'nothing'}: expected token ids, n×tokens, and perhaps their mask")
     return shapes[0][1], shapes[0][0]
 

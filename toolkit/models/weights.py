@@ -18,6 +18,7 @@ from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.console import is_quiet, notice_once
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import explain_validation, sha256_file
+from toolkit.core.text import join_words
 from toolkit.models.architectures import published_weights
 from toolkit.models.labels import LabelsFile, find_labels
 
@@ -173,7 +174,7 @@ def _take_state(content: object, path: Path) -> "dict[str, torch.Tensor] | None"
     if not found:
         return None
     if not usual and len(found) > 1:
-        named = " and ".join(f"'{key[:60]}'" for key in list(found)[:4])
+        named = join_words(f"'{key[:60]}'" for key in list(found)[:4])
         raise ToolkitError(
             f"{path} holds {len(found)} state dicts, {named}: save the network's with "
             "torch.save(checkpoint[NAME], FILE)"
@@ -272,7 +273,7 @@ def unwrap_names(
     if "" in found or not found:
         return state
     if len(found) > 1:
-        named = " and ".join(f"'{prefix}'" for prefix in found)
+        named = join_words(f"'{prefix}'" for prefix in found)
         raise ToolkitError(
             f"{path} holds {len(found)} such networks, whose names begin with {named}: save the right network with "
             "torch.save(network.state_dict(), FILE)"

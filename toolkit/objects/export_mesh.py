@@ -9,6 +9,7 @@ from uuid import NAMESPACE_URL, uuid5
 import numpy as np
 from PIL import Image
 
+from toolkit.core.text import join_words
 from toolkit.objects.mesh import Mesh, cross_products, group_places, group_rows, load_open3d, make_ray_scene
 from toolkit.objects.records import encode_png
 
@@ -55,7 +56,7 @@ class Soundness:
     def describe(self) -> str:
         """Describe it in a line."""
         parts = [(self.open_edges, "open"), (self.tangled_edges, "tangled")]
-        counted = " and ".join(f"{count:,} {word} edges" for count, word in parts if count)
+        counted = join_words(f"{count:,} {word} edges" for count, word in parts if count)
         closed = f"not watertight ({counted}): let the printer's program repair it" if counted else "watertight"
         if self.thinnest_mm is None:
             return f"{closed}; no walls to measure"

@@ -11,6 +11,7 @@ import numpy as np
 from reportlab.pdfbase.pdfdoc import PDFResourceDictionary
 
 from toolkit.core.errors import FieldError
+from toolkit.core.text import join_words
 from toolkit.objects.records import Patch, PatchRecord, mirror, printed_size_mm
 from toolkit.objects.spec import BASE_DPI, MM_PER_INCH, SCALE, Margin, Side
 from toolkit.printing import PrintSettings
@@ -53,7 +54,7 @@ class Wearer:
 
 def say_sizes(sizes_mm: Sequence[float]) -> str:
     """Return sizes in words: `88.2 mm`, `90.0 and 60.0 mm`."""
-    return f"{' and '.join(f'{size:.1f}' for size in sizes_mm)} mm"
+    return f"{join_words(f'{size:.1f}' for size in sizes_mm)} mm"
 
 
 def is_same_size(sizes_mm: Sequence[float], others_mm: Sequence[float]) -> bool:
@@ -229,7 +230,7 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
         "patch_sha256": record.png_sha256,
     }  # fmt: skip
     title = f"{record.class_name} patch, {say_sizes(sides_mm)}"
-    subject = f"{labels[0].title}: {' and '.join(label.size for label in labels)}"
+    subject = f"{labels[0].title}: {join_words(label.size for label in labels)}"
     pdf = Pdf(plans[0].frame.paper, title, subject, keywords)
     # a picture for all sheets, with as many mirrored texels as the widest margin shows
     bleed_px = max(math.ceil(plan.margin_mm / plan.side_mm * record.n_px) for plan in plans)

@@ -11,6 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
+from toolkit.core.text import join_words
 from toolkit.core.threads import map_ahead
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import cast_rays, make_ray_scene
@@ -149,7 +150,7 @@ def _judge_all(
         *(mount for size, at in product(sizes_mm, config.sides) for mount in _spread(item, at, size, step_mm)),
     ]
     found: list[Place] = []
-    sides = " and ".join(f"{size:g}" for size in sizes_mm)
+    sides = join_words(f"{size:g}" for size in sizes_mm)
     with progress(f"trying places of {sides} mm on {item.name}", len(tried)) as bar:
         judge = partial(judge_place, item, scene, camera, poses, only_lying=True)
         for place in map_ahead(judge, tried):

@@ -20,7 +20,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json, sha256_json, write_json
-from toolkit.core.text import FileName
+from toolkit.core.text import FileName, join_words
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.spec import names_with_mesh
@@ -133,7 +133,7 @@ class _CameraFields(BaseModel):
             )
         lenses = self._lenses()
         if lenses and max(lenses.values()) > min(lenses.values()) * (1 + SAME_LENS):
-            said = " and ".join(f"{name} ({focal_px:.1f} px)" for name, focal_px in lenses.items())
+            said = join_words(f"{name} ({focal_px:.1f} px)" for name, focal_px in lenses.items())
             raise ValueError(f"{said} are different focal lengths: keep one of them")
         return self
 

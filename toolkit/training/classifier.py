@@ -9,6 +9,7 @@ from toolkit.core.console import notice
 from toolkit.core.errors import FieldError
 from toolkit.core.files import delete_folder
 from toolkit.core.records import hold_folder
+from toolkit.core.text import join_words
 from toolkit.core.workspace import Workspace
 from toolkit.models.find import ClassifierRecord
 from toolkit.models.load import load_classifier
@@ -144,7 +145,7 @@ def _name_data(
     config: ClassifierConfig, sources: list[DataSource], pictures: ClassPictures | None, init: WeightsFile | None
 ) -> tuple[str, str]:
     """The training data and how the held-out images differ, in a few words each."""
-    words = " and ".join(source.words for source in sources)
+    words = join_words(source.words for source in sources)
     held_out = "; ".join(dict.fromkeys(source.held_out_words for source in sources))
     if pictures is not None:
         words, held_out = (f"{each}, each with {pictures.words}" for each in (words, held_out))

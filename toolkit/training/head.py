@@ -10,6 +10,7 @@ from torch.nn.functional import cross_entropy, linear, normalize
 from toolkit.core.console import progress
 from toolkit.core.files import delete_folder, sha256_json, write_bytes
 from toolkit.core.records import hold_folder
+from toolkit.core.text import join_words
 from toolkit.core.work import INPUTS
 from toolkit.core.workspace import Workspace
 from toolkit.models.heads import LEAST_LENGTH, Head
@@ -72,7 +73,7 @@ def train_head(
         truth = torch.from_numpy(np.array(data.train.classes))
         head = fit_linear(features, truth, config.l2) if config.kind == "linear" else fit_means(features, truth)
         answers = head(held_out).argmax(1).numpy()
-        words = " and ".join(source.words for source in sources)
+        words = join_words(source.words for source in sources)
         what = "; ".join(dict.fromkeys(source.held_out_words for source in sources))
         record = write_joined(
             file, encoder, head, labels=list(data.labels), trained_on=f"{words}, by features of {encoder.name}",

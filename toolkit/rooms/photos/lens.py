@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json, write_json
+from toolkit.core.text import join_words
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage, open_image
 from toolkit.rig.camera import NO_DISTORTION, Camera, Distortion
@@ -173,7 +174,7 @@ def choose_lens(photo: Photo, records: list[LensRecord]) -> LensChoice:
         turned = turns + 1
     focals = {record.focal_35mm_mm for record in fitting}
     if photo.focal_35mm_mm is None and len(focals) > 1:
-        said = " and ".join(
+        said = join_words(
             f"{focal:g} mm" if focal else "no focal length" for focal in sorted(focals, key=lambda f: f or 0)
         )
         return LensChoice(

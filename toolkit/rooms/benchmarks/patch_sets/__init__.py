@@ -12,7 +12,7 @@ from toolkit.boosters.transforms.placement import Placement
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes
-from toolkit.core.text import is_file_name
+from toolkit.core.text import is_file_name, join_words
 from toolkit.core.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def read_patch_set(workspace: Workspace, name: str, labels: list[str] | None) ->
     # a set has a single size
     sizes = sorted({patch.record.n_px for patch in patches.values()})
     if len(sizes) > 1:
-        shown = " and ".join(map(str, sizes))
+        shown = join_words(map(str, sizes))
         raise ToolkitError(f"set '{name}' has pictures of {shown} px: keep each size in a separate set")
     return PatchSet(name, sizes[0], patches)
 

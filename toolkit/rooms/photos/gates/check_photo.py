@@ -10,6 +10,7 @@ import numpy as np
 
 from toolkit.captures.manifest import CaptureRecord
 from toolkit.core.errors import ToolkitError
+from toolkit.core.text import join_words
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import read_patch
@@ -128,7 +129,7 @@ def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSi
     framing = _check_framing(expectation, sighting)
     # a failed gate explains that no patch is found; but a patch can be found outside the middle square
     reasons = [result.name for result in (*light, *framing) if result.failed and result.name != OFF_CENTRE.name]
-    why_blind = f"no patch is found, but the photograph fails by {' and '.join(reasons)}" if reasons else None
+    why_blind = f"no patch is found, but the photograph fails by {join_words(reasons)}" if reasons else None
     patch, seen = _check_patch(small, silhouette, expectation, why_blind)
     found = [sheet for sheet in seen.own if sheet is not None] if seen else []
     if silhouette is None and found:  # the sheet is all that is known of the object's place

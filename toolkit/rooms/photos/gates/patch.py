@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
+from toolkit.core.text import join_words
 from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.rig.mount import MountedSheet
 from toolkit.rooms.photos.gates import Gate, GateResult
@@ -179,7 +180,7 @@ def check_variant(
         parts = enumerate(zip(patch.sheets, seen.own, shown, strict=True), 1)
         lost = [f"{i} ({sheet.at})" for i, (sheet, sighting, is_shown) in parts if is_shown and sighting is None]
         if lost:
-            which = f"sheet {' and '.join(lost)} of {len(patch.sheets)} is not seen"
+            which = f"sheet {join_words(lost)} of {len(patch.sheets)} is not seen"
             advice = f"{which}, '{variant}' should show '{own}' there: stick it on, or uncover it"
             return VARIANT.judge(len(lost), advice)
     return VARIANT.judge(0)

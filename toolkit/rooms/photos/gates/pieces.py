@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from toolkit.core.text import join_words
 from toolkit.objects.atlas import cover_texels
 from toolkit.objects.mesh import Mesh, cross_products
 from toolkit.objects.wrap import FlatPiece, Wrap
@@ -107,7 +108,7 @@ def check_pieces(seen: PiecesSeen, wrap: ExpectedWrap, variant: str) -> GateResu
         return VARIANT.judge(1, f"{missing}: stick it on, uncover it, or sort the photo again")
     if not seen.missing:
         return VARIANT.judge(0)
-    numbers = " and ".join(name.removeprefix("piece ") for name in seen.missing)
+    numbers = join_words(name.removeprefix("piece ") for name in seen.missing)
     which = f"piece {numbers} of the wrap '{wrap.name}' is not seen, '{variant}' should show it"
     return VARIANT.judge(len(seen.missing), f"{which}: stick it on, or uncover it")
 

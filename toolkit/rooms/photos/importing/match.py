@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.text import join_words
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
@@ -122,7 +123,7 @@ def _decide_by_claims(
         }
         return Doubt(reasons[how])
     if len(poses) > 1:
-        said = " and ".join(f"its {what} says pose {pose}" for what, pose in claims.items())
+        said = join_words(f"its {what} says pose {pose}" for what, pose in claims.items())
         return Doubt(said, tuple(CaptureKey(*group, pose) for pose in poses))
     key = CaptureKey(*group, poses[0])
     return Decision(key, next(iter(claims)), measure_match(evidence, key, plan))
@@ -134,7 +135,7 @@ def _decide_by_board(group: Group, claims: dict[str, int], match: PoseMatch) -> 
     # a board that contradicts the name is a swap, which only the user can resolve
     against = [f"its {what} says pose {pose}" for what, pose in claims.items() if pose not in possible]
     if against:
-        return Doubt(f"the board shows {match.describe()}, but {' and '.join(against)}", choices)
+        return Doubt(f"the board shows {match.describe()}, but {join_words(against)}", choices)
     claimed = set(claims.values())
     if len(claimed) > 1:
         return Doubt(f"the board shows {match.describe()}; name and order disagree", choices)

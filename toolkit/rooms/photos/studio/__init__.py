@@ -3,6 +3,7 @@
 from importlib.util import find_spec
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.text import join_words
 
 
 def require_extra() -> None:
@@ -10,6 +11,6 @@ def require_extra() -> None:
     missing = [name for name in ("fastapi", "uvicorn") if find_spec(name) is None]
     if missing:
         raise ToolkitError(
-            f"toolkit studio needs {' and '.join(missing)}, which the extra 'studio' brings: pip install '.[studio]' "
+            f"toolkit studio needs {join_words(missing)}, which the extra 'studio' brings: pip install '.[studio]' "
             "in the kit's folder"
         )
