@@ -174,7 +174,6 @@ IMPORTERS = {
     ("__init__.py", "import_module"),  # the front door's own list
     ("core/extras.py", "import_module"),  # packages of extras
     ("core/rooms.py", "import_module"),  # the lists of commands, and of what rooms offer
-    ("models/load.py", "import_module"),  # timm
     ("models/programs.py", "import_module"),  # what somebody typed
 }
 

@@ -6,13 +6,14 @@ from types import ModuleType
 from toolkit.core.errors import ToolkitError
 
 
-def import_package(name: str, extra: str, what: str) -> ModuleType:
+def import_package(name: str, extra: str, what: str, way_out: str = "") -> ModuleType:
     """Import a package of an optional extra.
 
     Args:
         name: name of the package.
         extra: extra of the kit that installs it.
         what: what needs it, for the message.
+        way_out: what to do without it, for the message.
 
     Raises:
         ToolkitError: it is not installed.
@@ -22,4 +23,5 @@ def import_package(name: str, extra: str, what: str) -> ModuleType:
     except ImportError as error:
         raise ToolkitError(
             f"{what} needs {name}, which is not installed ({error}): pip install '.[{extra}]' in the kit's folder"
+            + (f", or {way_out}" if way_out else "")
         ) from None

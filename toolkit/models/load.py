@@ -4,8 +4,8 @@ import math
 from collections import OrderedDict
 from collections.abc import Sequence
 from difflib import get_close_matches
-from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from toolkit.core.console import is_quiet
@@ -299,13 +299,17 @@ def build_timm_network(model: str, weights: Path | None = None, may_be_encoder: 
     return BuiltNetwork(_build_timm(model, state, num_classes, file), num_classes, preprocessing, file, own)
 
 
+def _import_timm(model: str) -> ModuleType:
+    return import_package("timm", "timm", model)
+
+
 def read_timm_config(name: str) -> dict[str, Any]:
     """Return timm's record of a network and its weights.
 
     Raises:
         ToolkitError: timm is not installed, or has no network of that name.
     """
-    timm = import_package("timm", "timm", f"{TIMM_PREFIX}{name}")
+    timm = _import_timm(f"{TIMM_PREFIX}{name}")
     known = [*timm.list_models(), *timm.list_models(pretrained=True)]
     if name not in known:
         near = [f"{TIMM_PREFIX}{other}" for other in get_close_matches(name, known, n=3)]
@@ -358,7 +362,7 @@ def _count_timm_classes(
     head = f"{last if isinstance(last, str) else last[0]}.weight"
     if head not in state and any(name.endswith(f".{head}") for name in state):
         with torch.device("meta"):
-            expected = import_module("timm").create_model(model.removeprefix(TIMM_PREFIX), pretrained=False)
+            expected = _import_timm(model).create_model(model.removeprefix(TIMM_PREFIX), pretrained=False)
         state = unwrap_names(state, expected.state_dict(), file.path)
     weight = state.get(head)
     return int(config.get("num_classes") or 0) if weight is None else int(weight.shape[0]), state
@@ -368,7 +372,7 @@ def _build_timm(
     model: str, state: "Mapping[str, torch.Tensor]", num_classes: int, file: WeightsFile
 ) -> "torch.nn.Module":
     """Load by timm itself, which converts the formats of the networks' authors."""
-    timm = import_module("timm")
+    timm = _import_timm(model)
     try:
         return timm.create_model(
             model.removeprefix(TIMM_PREFIX),

@@ -3,11 +3,12 @@
 import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.extras import import_package
 from toolkit.core.files import write_bytes
 from toolkit.objects.export_mesh import MM_PER_M, T_GLTF_WORLD, unit_normals
 from toolkit.objects.mesh import Mesh
@@ -59,16 +60,11 @@ def to_usdz(mesh: Mesh, name: str) -> bytes:
         return package.read_bytes()
 
 
-def _import_usd() -> Any:
+def _import_usd() -> ModuleType:
     """Import the modules of OpenUSD that are used here, as attributes of `pxr`."""
-    try:
-        import pxr
-        from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt  # noqa: F401
-    except ImportError:
-        raise ToolkitError(
-            "USDZ needs usd-core, which is not installed: pip install '.[usd]' in the kit's folder"
-        ) from None
-    return pxr
+    for name in ("Gf", "Sdf", "Tf", "Usd", "UsdGeom", "UsdShade", "Vt"):
+        import_package(f"pxr.{name}", "usd", "USDZ")
+    return import_package("pxr", "usd", "USDZ")
 
 
 def _add_piece(usd: Any, stage: Any, place: Any, mesh: Mesh, rows: np.ndarray) -> Any:

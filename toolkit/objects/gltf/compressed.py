@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from toolkit.core.errors import ToolkitError, describe_failure, foreign_code
+from toolkit.core.extras import import_package
 from toolkit.imaging.read import MAX_MEGAPIXELS
 from toolkit.objects.gltf.document import DamagedGltf, Document
 
@@ -12,22 +13,13 @@ DRACO, BASISU = "KHR_draco_mesh_compression", "KHR_texture_basisu"
 KTX_START = b"\xabKTX 20\xbb\r\n\x1a\n"
 
 
-def _lacks(document: Document, package: str, name: str, way_out: str) -> ToolkitError:
-    return ToolkitError(
-        f"{document.path}: {name} needs {package}, which is not installed: pip install '.[gltf]' in the kit's folder, "
-        f"or {way_out}"
-    )
-
-
 def decode_draco(document: Document, draco: dict[str, Any]) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Return attributes by name, (n, k) each, and (m, 3) faces of a primitive that Draco compressed."""
-    try:
-        import DracoPy
-    except ImportError:
-        raise _lacks(document, "DracoPy", DRACO, "export the mesh without Draco compression") from None
+    way_out = "export the mesh without Draco compression"
+    library = import_package("DracoPy", "gltf", f"{document.path}: {DRACO}", way_out)
     content = document.view(draco.get("bufferView")).tobytes()
     with foreign_code(lambda error: DamagedGltf(f"{DRACO}: the compressed mesh is damaged ({type(error).__name__})")):
-        mesh = DracoPy.decode(content)
+        mesh = library.decode(content)
         found = {attribute["unique_id"]: np.asarray(attribute["data"]) for attribute in mesh.attributes}
         attributes = {name: found[number] for name, number in draco["attributes"].items()}
         faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
@@ -36,15 +28,12 @@ def decode_draco(document: Document, draco: dict[str, Any]) -> tuple[dict[str, n
 
 def decode_ktx(document: Document, content: bytes, name: str) -> bytes:
     """A KTX2 picture of Basis Universal as PNG."""
-    try:
-        import alktx2
-    except ImportError:
-        way_out = "save its textures as PNG (npx @gltf-transform/cli ktxdecompress)"
-        raise _lacks(document, "alktx2", BASISU, way_out) from None
+    way_out = "save its textures as PNG (npx @gltf-transform/cli ktxdecompress)"
+    library = import_package("alktx2", "gltf", f"{document.path}: {BASISU}", way_out)
     width, height = (int.from_bytes(content[at : at + 4], "little") for at in (20, 24))
     if not content.startswith(KTX_START) or not 0 < width * height <= MAX_MEGAPIXELS * 1e6:
         raise ToolkitError(f"{document.path}: {name} is no {BASISU} picture, or far too large: save it as PNG")
     damaged = f"{document.path}: {name} cannot be read, save it as PNG: {BASISU}"
     with foreign_code(lambda error: ToolkitError(f"{damaged}: {describe_failure(error, 80)}")):
-        png, _ = alktx2.decode_ktx2_to_bytes(content, format="png")
+        png, _ = library.decode_ktx2_to_bytes(content, format="png")
     return bytes(png)

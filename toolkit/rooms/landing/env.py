@@ -1,20 +1,21 @@
 """Landing as a Gymnasium environment: the camera's picture in, a velocity out. It needs the extra `landing`."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.extras import import_package
 from toolkit.rooms.landing.config import CameraConfig, EpisodeConfig
 from toolkit.rooms.landing.episodes import FLYING, Flights
 from toolkit.rooms.landing.fly import TICKS
 from toolkit.rooms.landing.site import Pad, PadSite, SiteView, draw_pad, find_sky, find_world, plan_places
 from toolkit.rooms.worlds.conditions import CLEAR
 
-try:
+if TYPE_CHECKING:
     import gymnasium
-except ImportError as error:
-    raise ToolkitError("the environment needs Gymnasium: pip install '.[landing]' in the kit's folder") from error
+else:
+    gymnasium = import_package("gymnasium", "landing", "the landing environment")
 
 MOST_M_S = 6.0
 REWARDS = {"success": 10.0}

@@ -19,6 +19,7 @@ import numpy as np
 
 from toolkit.core.child import limit_memory, without_collector
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.extras import import_package
 from toolkit.core.text import shorten
 from toolkit.imaging.read import MAX_SIDE_PX, UnreadableImage, decode_frame
 
@@ -90,14 +91,7 @@ class Connection:
 
     def __init__(self, host: str, port: int, where: str, timeout_s: float = 60.0) -> None:
         """Connect; raises a `ToolkitError` if msgpack is not installed, or nobody answers."""
-        try:
-            import msgpack
-        except ImportError as error:
-            message = (
-                f"a simulator needs msgpack, which is not installed ({error}): pip install '.[airsim]' in the kit's "
-                "folder"
-            )
-            raise ToolkitError(message) from None
+        msgpack = import_package("msgpack", "airsim", "a simulator")
         self.where, self.timeout_s = where, timeout_s
         self._pack = msgpack.Packer()
         # raw: pictures come as text or as bytes, by the server's version
