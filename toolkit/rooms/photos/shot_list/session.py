@@ -150,9 +150,7 @@ def advise_stage(board: Board | None) -> list[str]:
     ]
 
 
-def advise_sticking(
-    item: TableObject, booster: AppliedBooster, patch_pdf: str | None, drawing: MountDrawing
-) -> list[str]:
+def advise_sticking(item: TableObject, patch_pdf: str | None, drawing: MountDrawing) -> list[str]:
     """From the printer to the object, in order."""
     at, rotation_deg = drawing.mount.at, drawing.mount.rotation_deg
     page = f"Print {patch_pdf}" if patch_pdf else f"Make the page with 'toolkit print --object {item.name}', print it"
@@ -275,7 +273,7 @@ def _draw_sticking(pdf: Pdf, area: Rect, session: ObjectSession, drawing: MountD
         y -= 3.7
     _draw_page_arrow(pdf, sheet, drawing.mount.at)
     y = sheet.y - 9.0
-    for number, words in enumerate(advise_sticking(session.item, booster, session.papers.patch_pdf, drawing), 1):
+    for number, words in enumerate(advise_sticking(session.item, session.papers.patch_pdf, drawing), 1):
         pdf.write(str(number), inside.x, y, TEXT_MM, room_mm=4, font=BOLD, colour=SHEET)
         y = pdf.write_lines(words, inside.x + 4.4, y, TEXT_MM - 0.1, room_mm=inside.width - 4.4) - 1.0
 
