@@ -62,6 +62,7 @@ class FilamentRenderer(Renderer):
         rendering = o3d.visualization.rendering
         renderer = rendering.OffscreenRenderer(width, height)
         key, exposure = self._scene.key, self._scene.exposure
+        # Filament has no room of its own: its background is the room's mean colour
         mean_room = self._scene.environment.mean(axis=(0, 1)) * exposure
         renderer.scene.set_background([*np.clip(mean_room, 0, 1).tolist(), 1.0])
         mesh = self._mesh_in_world
@@ -74,12 +75,14 @@ class FilamentRenderer(Renderer):
         view.set_post_processing(False)
         view.set_sample_count(1)  # Open3D 0.20 takes four, and its silhouettes would grow by a third of a pixel
         view.set_shadowing(True, rendering.View.ShadowType.PCF)
+        # lux and colour apart: the strongest channel carries the intensity
         strength = max(key.irradiance)
         direction = -orbit_direction(key.azimuth_deg, key.elevation_deg)
         tint = [c / strength for c in key.irradiance]
         lights.set_sun_light(direction.tolist(), tint, SUN_LUX * strength * exposure)
         lights.enable_sun_light(True)
         lights.enable_indirect_light(True)
+        # the room's light is what is left of the irradiance without the key light
         room = float(illuminate(self._scene.environment, replace(key, irradiance=(0, 0, 0))).mean())
         lights.set_indirect_light_intensity(ROOM_LUX * room * exposure)
         return renderer

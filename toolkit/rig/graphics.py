@@ -63,6 +63,7 @@ def _start_egl() -> str:
         return "libEGL.so.1 is missing"
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
+    # a display without a screen: the function for it is an extension, found by name
     address = egl.eglGetProcAddress(b"eglGetPlatformDisplayEXT")
     if not address:
         return "EGL has no platform displays"

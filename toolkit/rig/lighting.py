@@ -378,6 +378,7 @@ def _gather(
         beyond = find_free(other.rays, other.bounds, in_world, normals @ turn.T, directions @ turn.T)
         return np.where(beyond == 2, np.minimum(free * 2, 2), free).astype(np.uint8)
 
+    # a free direction brings the room's light, a blocked direction the bounce of what blocks it
     room, key = np.zeros((2, len(points), 4), np.float32)
     total = np.zeros(len(points), np.float32)
     free = find(lights.room)

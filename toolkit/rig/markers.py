@@ -186,6 +186,7 @@ def add_turned(ink: np.ndarray, modules: np.ndarray, corners_px: np.ndarray) -> 
     x1, y1 = np.minimum(np.ceil(corners_px.max(axis=0)).astype(int), ink.shape[::-1])
     at = (np.arange(SAMPLES * max(x1 - x0, y1 - y0)) + 0.5) / SAMPLES
     x, y = np.meshgrid(x0 + at[: SAMPLES * (x1 - x0)], y0 + at[: SAMPLES * (y1 - y0)])
+    # the marker's axes: a point's place along them, in modules
     right, down = corners_px[1] - corners_px[0], corners_px[3] - corners_px[0]
     offset = np.stack([x, y], axis=-1) - corners_px[0]
     side = len(modules)

@@ -105,6 +105,7 @@ def lay_sheet(mesh: Mesh, size_mm: float, mount: PatchMount, name: str, find_hei
         ToolkitError: as `mount_patch`.
     """
     longest = float(mesh.size_mm.max())
+    # a sheet over half of the object reaches round it, and is no patch
     if size_mm > longest / 2:
         raise ToolkitError(
             f"{name}: a patch of {size_mm:.0f} mm is over half of the object's longest side ({longest:.0f} mm): "
@@ -229,6 +230,7 @@ def _start(mesh: Mesh, mount: PatchMount) -> np.ndarray:
     normal = np.cross(turned_right, turned_up)
     low, high = mesh.bounds
     middle = (low + high) / 2
+    # half the box's extent along the normal: the plane that touches it
     reach = np.abs(normal) @ (high - low) / 2
     centre = middle + normal * reach + right * mount.offset_mm[0] + up * mount.offset_mm[1]
     return _frame(turned_right, turned_up, normal, centre)
@@ -333,12 +335,14 @@ def _unroll(across: np.ndarray, height: np.ndarray, along_right: bool, side: flo
 
 def _sheet_mesh(points: np.ndarray, along_right: bool, T_object_sheet: np.ndarray, paper: np.ndarray) -> Mesh:
     place = points @ T_object_sheet[:3, :3].T + T_object_sheet[:3, 3]
+    # the paper bends in one direction alone: straight rulings run across it, and with the tangents give its normals
     tangent = np.gradient(place, axis=0)
     ruling = np.broadcast_to(place[:, 1:] - place[:, :1], place.shape)
     normals = np.cross(tangent, ruling) if along_right else np.cross(ruling, tangent)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     run, edge = np.meshgrid(np.linspace(0, 1, SAMPLES), [0.0, 1.0], indexing="ij")
     uv = np.stack([run, edge] if along_right else [edge, run], axis=-1)
+    # two triangles between neighbouring rulings, seen from outside counter-clockwise
     index = np.arange(SAMPLES * 2).reshape(SAMPLES, 2)
     a, b, c, d = index[:-1, 0], index[1:, 0], index[1:, 1], index[:-1, 1]
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
@@ -349,6 +353,7 @@ def _sheet_mesh(points: np.ndarray, along_right: bool, T_object_sheet: np.ndarra
         face_material=np.zeros(len(faces), np.int32),
         materials=(Material(PAPER_MATERIAL, paper, roughness=0.75),),
     )  # fmt: skip
+    # the unprinted back, 0.15 mm below the print
     back = replace(
         front, vertices=front.vertices - front.normals * np.float32(0.15), normals=-front.normals,
         faces=front.faces[:, ::-1].copy(),

@@ -324,6 +324,7 @@ def check_poses(item: TableObject, camera: Camera, poses: list[Pose]) -> None:
             raise ToolkitError(f"{where}: the camera is inside the object: expected a larger distance_mm")
         if position[2] <= 0:
             raise ToolkitError(f"{where}: the camera is below the table top: expected an elevation that keeps it above")
+        # the distance at which the object fills 99.5 % of the frame
         least = distance_to_fill(
             camera, item.mesh.vertices, np.array(pose.target_mm), pose.azimuth_deg, pose.elevation_deg,
             fill=0.995, roll_deg=pose.roll_deg,

@@ -27,11 +27,13 @@ LETTER_MM = (5.0, 22.0)
 @with_default_style
 def draw_positions(item: TableObject, poses: list[Pose]) -> bytes:
     """PNG of the camera positions from above, with the object and its front, and their heights over their azimuths."""
+    # centimetres, and at most 3,000 points: the object is only a backdrop
     positions = np.stack([pose.matrix()[:3, 3] for pose in poses]) / 10
     vertices = item.mesh.vertices[:: max(1, len(item.mesh.vertices) // 3000)] / 10
     azimuths, elevations = ([getattr(pose, name) for pose in poses] for name in ("azimuth_deg", "elevation_deg"))
     reach = 1.1 * float(max(np.abs(positions[:, :2]).max(), np.abs(vertices[:, :2]).max()))
     figure = make_figure(12, 5.6)
+    # left: the table from above, the object's front along +x
     above, aside = figure.subplots(1, 2)
     above.scatter(vertices[:, 0], vertices[:, 1], s=0.5, c="0.6", linewidths=0)
     front = float(vertices[:, 0].max())
@@ -41,8 +43,10 @@ def draw_positions(item: TableObject, poses: list[Pose]) -> bytes:
     above.text(front + 0.04 * reach, 0.03 * reach, "front", fontsize=9)
     above.set(xlabel="x, towards the object's front (cm)", ylabel="y, to the object's left (cm)", title="from above")
     above.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))
+    # right: heights over azimuths, past both ends so that dots at 0° and 360° are whole
     aside.set(xlabel="azimuth (degrees): 0 front, 90 left, 180 back, 270 right", ylabel="height above the table (cm)")
     aside.set(title="heights", xlim=(-20, 380), xticks=range(0, 361, 45), ylim=(0, 1.15 * positions[:, 2].max()))
+    # dots are coloured by elevation; their numbers stay readable on dark ones
     for panel, x, y in ((above, positions[:, 0], positions[:, 1]), (aside, np.mod(azimuths, 360), positions[:, 2])):
         dots = panel.scatter(x, y, c=elevations, cmap="cividis", s=150, zorder=3)
         for pose, *at in zip(poses, x, y, strict=True):

@@ -62,6 +62,7 @@ def _wood(light: tuple[int, int, int], dark: tuple[int, int, int], plank_mm: flo
         scale = width / size_mm[0]
         plank = max(4, round(plank_mm * scale))
         rows = []
+        # plank by plank: each has its own grain and shade
         for top in range(0, height, plank):
             h = min(plank, height - top)
             warp = _noise(rng, (h, width), (500 * scale, 60 * scale), 3)
@@ -71,6 +72,7 @@ def _wood(light: tuple[int, int, int], dark: tuple[int, int, int], plank_mm: flo
             fibre = _noise(rng, (h, width), (70 * scale, 1.6), 2) * 0.16
             mix = (0.42 * rings**1.5 + 0.18 * warp + fibre + rng.uniform(0.1, 0.34)).clip(0, 1)[..., None]
             board = np.array(light, np.float32) * (1 - mix) + np.array(dark, np.float32) * mix
+            # a dark joint to the plank above
             if top:
                 board[: max(1, round(0.8 * scale))] *= 0.55
             rows.append(board)

@@ -78,6 +78,7 @@ def sample_directions(picture: np.ndarray, directions: np.ndarray) -> np.ndarray
     u, v = equirectangular(directions)
     h, w = picture.shape[:2]
     x, y = u * w - 0.5, ((1 - v) * h - 0.5).clip(0, h - 1)
+    # columns wrap around, rows end at the poles
     left, top = np.floor(x).astype(int), np.minimum(y.astype(int), h - 2)
     fx, fy = (x - left)[:, None], (y - top)[:, None]
     upper = picture[top, left % w] * (1 - fx) + picture[top, (left + 1) % w] * fx

@@ -124,6 +124,7 @@ def export_object(
     if card:
         folder = folder / stem
         files = _write_card(workspace, item, variant, booster, folder)
+    # an OBJ brings its pictures and materials: only its mesh is listed
     for form in dict.fromkeys(formats):
         contents = to_obj(mesh, stem) if form == "obj" else {f"{stem}.{form}": WRITERS[form](mesh, stem)}
         for file, content in contents.items():

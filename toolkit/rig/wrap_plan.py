@@ -141,6 +141,7 @@ def _fit_sheet(
     item: TableObject, surface: Surface, worth: np.ndarray, sheet_mm: tuple[float, float], spare_mm: float
 ) -> tuple[float, float]:
     """The sheet, or a larger area for the triangles that exceed it: they are printed in tiles."""
+    # triangles that no turn brings onto the sheet
     large = np.flatnonzero((surface.length.max(axis=1) + 2 * spare_mm > min(sheet_mm)) & (worth > 0))
     room = sheet_mm[0] - 2 * spare_mm, sheet_mm[1] - 2 * spare_mm
     large = large[[not turn_to_fit(sheet[None], room)[1] for sheet in lay_triangles(surface.corners[large])]]
@@ -199,7 +200,9 @@ def look_at_faces(item: TableObject, views: int, seed: int) -> tuple[np.ndarray,
         rows = np.flatnonzero(cosine > 0)
         rays = np.concatenate([points[rows], towards[rows] / distance[rows, None]], axis=1)
         free = cast_rays(scene, rays) >= distance[rows]
+        # area on the picture: area · cosine · (focal length / distance)²
         seen[rows] += free * share[rows] * cosine[rows] * (camera.fx / distance[rows]) ** 2
+    # a hand: enough directions with room for a finger, and some that lead out
     room, out = np.zeros(len(points)), np.zeros(len(points))
     for direction in _spread_directions(DIRECTIONS):
         # mirrored where it would lead into the surface: as many directions everywhere
@@ -225,6 +228,7 @@ def take_best(wrap: Wrap, item: TableObject, share: float) -> Wrap:
 
     seen = _see_faces(item)
     left, pieces = share * float(seen.sum()), list[FlatPiece]()
+    # whole pieces, the best first, while they fit into the share
     for piece in wrap.pieces:
         worth = seen[piece.faces]
         if float(worth.sum()) <= left:

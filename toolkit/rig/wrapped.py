@@ -174,6 +174,7 @@ class _FlatSurface:
         """Points (t, 3, 2) of the flat frame, each in the triangle (t,), to the surface."""
         origin = self.flat[triangle, 0]
         sides = self.flat[triangle, 1:] - origin[:, None]
+        # barycentric weights in the flat triangle are those on the surface
         b, c = np.moveaxis((flat - origin[:, None]) @ np.linalg.inv(sides), 2, 0)
         weights = np.stack([1 - b - c, b, c], axis=2)
         normals = weights @ self.normals[triangle]
@@ -262,14 +263,17 @@ def _cut(flat: np.ndarray, region: "Geometry") -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(0, np.int64), np.zeros((0, 3, 2))
     shapely.prepare(region)
     triangles = shapely.polygons(flat)
+    # triangles within the region stay whole; only those that cross its edge are clipped
     near = np.flatnonzero(shapely.intersects(region, triangles))
     within = shapely.covers(region, triangles[near])
     whole, crossing = near[within], near[~within]
     pieces = shapely.intersection(triangles[crossing], region)
     parts, of_piece = shapely.get_parts(pieces, return_index=True)
+    # clipped polygons are triangulated again; points and lines that only touch the region have no area
     areal = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     small, of_part = shapely.get_parts(shapely.constrained_delaunay_triangles(parts[areal]), return_index=True)
     cut = shapely.get_coordinates(small).reshape(-1, 4, 2)[:, :3]
+    # shapely gives no direction; slivers would only cost rays
     area = signed_areas(cut)
     cut = np.where((area < 0)[:, None, None], cut[:, ::-1], cut)
     solid = np.abs(area) > SLIVER_MM2
