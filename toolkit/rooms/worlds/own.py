@@ -340,6 +340,7 @@ def _lay(layout: KitLayout, path: Path) -> Iterator[tuple[KitPiece, float, float
                     f"{path}: field 'rows': row {j + 1} has '{letter}', the legend has "
                     f"{', '.join(sorted(layout.legend))}"
                 )
+            # rows from the north, the layout's middle at the origin
             x, y = (i - (width - 1) / 2) * side, ((depth - 1) / 2 - j) * side
             for tile in layout.legend[letter]:
                 right, up, height = (layout.scale * v for v in tile.at)

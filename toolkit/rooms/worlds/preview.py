@@ -439,6 +439,7 @@ def _make_film(show: _Show, renderer: Renderer, advance: Any, key: str) -> None:
     poses = show.flight.poses(show.settings.frames)
     files = [folder / f"{key[:12]}-{k:05d}.jpg" for k in range(len(poses))]
     todo = [k for k, file in enumerate(files) if not file.is_file()]
+    # a frame counts FRAME steps, the last for its part in the film
     advance((len(files) - len(todo)) * (FRAME - 1))
     for k, light in zip(todo, renderer.render_many((camera, poses[k]) for k in todo), strict=True):
         write_bytes(files[k], encode_jpeg(tone_map(light, (show.settings.seed, k)), 97))

@@ -114,6 +114,7 @@ def meter_exposure(panorama: np.ndarray, sun: KeyLight) -> float:
         return 1.0
     height = panorama.shape[0]
     low_sky = panorama[round(height / 2 * (1 - METERED_SKY_DEG / 90)) : height // 2].mean(axis=(0, 1)) @ LUMINANCE
+    # a diffuse card sends back albedo · irradiance / π
     metered = (METERED_ALBEDO * irradiance / np.pi + SKY_SHARE * float(low_sky)) / 2
     return METERED_VALUE / metered
 

@@ -58,6 +58,7 @@ def flat_roof(
     w, d, z = roof.width, roof.depth, roof.z
     felt = wall(looks, "roofing", ((92, 90, 88), (126, 120, 112), (70, 72, 76))[int(rng.integers(3))])
     thick = 0.3
+    # the parapet's four walls, and a coping that overhangs them by 6 cm
     low = np.array([(0, 0, z), (0, d - thick, z), (0, thick, z), (w - thick, thick, z)])
     high = np.array([(w, thick, z), (w, d, z), (thick, d - thick, z), (w, d - thick, z)]) + [0, 0, PARAPET_M]
     cap_low, cap_high = low.copy(), high.copy()
@@ -76,6 +77,7 @@ def flat_roof(
         (water_tank, 2.0, 0.6), (skylight, 1.7, 0.5), (vents, 0.9, 0.8), (vents, 0.9, 0.6), (aerial, 0.6, 0.8),
         (dish, 0.8, 0.4), (duct, 1.9, 0.4), (air_conditioner, 1.5, 0.4),
     ]  # fmt: skip
+    # plant that finds no free place is left out
     for make, radius, chance in plant:
         if rng.random() < chance and (at := roof.find(radius, rng)):
             variant = f"{make.__name__}-{rng.integers(VARIANTS)}"
@@ -136,6 +138,7 @@ def air_conditioner(looks: Looks, rng: np.random.Generator) -> Piece:
     fan = looks.known("fan")
     if fan is None:
         canvas = Canvas(1, 1, 96, (150, 152, 150))
+        # a fan from above: the opening, six blades, the guard's rings
         canvas.disc(0.5, 0.5, 0.44, (40, 42, 44))
         for k in range(6):
             a = 2 * np.pi * k / 6
@@ -180,6 +183,7 @@ def water_tank(looks: Looks, rng: np.random.Generator) -> Piece:
             canvas.rect(0, z, 1.2, z + 0.035, (54, 52, 50))
         staves = looks.add(Material(name, canvas.texture(0.06, gen), 0.9), (1.2, 1.2))
     iron = looks.plain((58, 56, 54))
+    # tank, conical lid and floor, on four legs with crossed braces
     tank = kit.revolved([(1.6, 2.6), (1.6, 5.4)], 20, staves, ROOF)
     lid = kit.revolved([(1.75, 5.35), (0.05, 6.5)], 20, looks.plain((70, 66, 62), "matte"), ROOF)
     floor = kit.solid([revolve([(0.02, 2.6), (1.6, 2.6)], 20).flipped()], iron, ROOF)
@@ -394,6 +398,7 @@ def _apartments(
             return _party_wall(width, height, back, looks, rng)
         plain = side not in lot.streets
         skin = style.wall
+        # from the street up: shops or plinth and entrance, floors of windows, cornice
         pieces = [windowed_wall(style, width, looks, rng, z0=ground, floors=floors, plain=plain)]
         pieces.append(kit.wall_quads((0, height - 0.35, width, height), 0.0, skin, BUILDING))
         if shops and not plain:

@@ -186,6 +186,7 @@ def _build_row(row: Row, filling: Filling, rng: np.random.Generator) -> None:
         left = round(left - w, 3)
     at = 0.0
     for k, w in enumerate(widths):
+        # the first and last house of a row also have a side street
         ends = [side for side, here in (("left", k == 0), ("right", k == len(widths) - 1)) if here]
         floors = int(np.clip(rng.normal(3.4 + 3.0 * row.density, 1.2), 2, 9))
         kind = _choose_kind(row.density, w, rng)
@@ -193,8 +194,10 @@ def _build_row(row: Row, filling: Filling, rng: np.random.Generator) -> None:
             floors = int(np.clip(rng.normal(7 + 6 * row.density, 2.5), 5, 16))
         pad = kind in ("glass", "slab") and min(w, row.depth) >= 13 and rng.random() < 0.8
         house = KINDS[kind](Lot(w, row.depth, floors, ("front", *ends), pad), filling.looks, rng)
+        # rows that face the other way are filled from their other end
         sign, start = (1, row.x) if row.yaw == 0.0 else (-1, row.x + row.width)
         filling.add(house, start + sign * at, row.y, row.yaw)
+        # a billboard on a roof in ten
         if not pad and rng.random() < 0.1 and w > 10:
             top = float(house.solids[:, 5].max()) + KERB_M
             middle = np.array([(start + sign * (at + w / 2), row.y + sign * 1.2, top)])

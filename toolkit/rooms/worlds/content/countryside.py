@@ -111,6 +111,7 @@ def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 43
     ])  # fmt: skip
     parts = tube(trunk, [0.2, 0.16, 0.14, 0.08, 0.03], 6)
     tips = [np.array([*(lean * 1.6), height * 0.84])]
+    # limbs: shorter towards the top
     for k in range(8):
         # 2.4 rad is the golden angle: no limb grows straight above another
         turn = 2.4 * k + rng.uniform(-0.3, 0.3)
@@ -127,6 +128,7 @@ def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 43
     centre = np.array([*lean, height * 0.62])
     each = count // len(tips)
     at, away = [], []
+    # a clump about each tip, an ellipsoid a little flatter than a ball; leaves look out of the clump and of the crown
     for tip in tips:
         ball = rng.normal(size=(each, 3))
         ball /= np.linalg.norm(ball, axis=1, keepdims=True)
@@ -178,6 +180,7 @@ def painted_facade(looks: Looks, style: int) -> Skin:
         if share_w < 0.9:
             day.rect(0, z, width, z + 0.18, tuple(int(0.5 * a + 0.5 * b) for a, b in zip(ground, trim, strict=True)))
         for column in range(BAYS):
+            # a window: frame, pane with the sky in its upper part, perhaps a blind, a mullion; by night some are lit
             w, h = BAY_M * share_w, FLOOR_M * share_h
             x0, z0 = (column + 0.5) * BAY_M - w / 2, z + 0.32 * FLOOR_M
             z0 = min(z0, z + FLOOR_M - h - 0.1)
@@ -212,6 +215,7 @@ def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: np.random.Gener
             x0, x1 = (a[:, 0], b[:, 0]) if side % 2 == 0 else (a[:, 1], b[:, 1])
             bays = np.maximum(np.round((x1 - x0) / BAY_M), 1) / BAYS
             start = rng.integers(0, BAYS, len(a)) / BAYS
+            # the lower left and right corner of a side, as who stands before it sees them
             corner = {0: ((0, 1), (1, 1)), 1: ((1, 1), (1, 0)), 2: ((1, 0), (0, 0)), 3: ((0, 0), (0, 1))}[side]
             left, right = ((np.where(px, b[:, 0], a[:, 0]), np.where(py, a[:, 1], b[:, 1])) for px, py in corner)
             rows = [

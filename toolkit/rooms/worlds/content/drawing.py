@@ -464,6 +464,7 @@ def label(
                 continue
             size = min(0.4 * tall, 2.6 * half / len(text))
             canvas.text((x, top + 0.34 * tall), text, ink, read_font("sans", max(4, int(size))), anchor="mm")
+            # three lines of small print: bars, as letters would be below a texel
             for at, share in ((0.62, 0.8), (0.74, 0.5), (0.86, 0.62)):
                 y = top + at * tall
                 canvas.rectangle((x - half * share, y, x + half * share, y + max(1, 0.03 * tall)), fill=ink)

@@ -182,10 +182,12 @@ def fire_escape(x: float, base: np.ndarray, looks: Looks) -> Piece:
     ones = np.ones(n)
     slats = np.linspace(-out, -0.08, 7)
     pieces = []
+    # platforms of slats
     for y in slats:
         pieces.append(
             kit.bars(kit.xyz(ones * (x - half), y, floor), kit.xyz(ones * (x + half), y, floor), 0.07, iron, BUILDING)
         )
+    # two rails round each platform, on posts
     for height in (0.5, 0.95):
         left, right = kit.xyz(ones * (x - half), -out, floor + height), kit.xyz(ones * (x + half), -out, floor + height)
         pieces += [kit.bars(left, right, 0.045, iron, BUILDING)]
@@ -193,6 +195,7 @@ def fire_escape(x: float, base: np.ndarray, looks: Looks) -> Piece:
     for post in np.linspace(-half, half, 9):
         foot = kit.xyz(ones * (x + post), -out, floor)
         pieces.append(kit.bars(foot, foot + [0, 0, 0.95], 0.03, iron, BUILDING))
+    # stairs to the next platform, that lean to the left and right in turns
     for k, (low, high) in enumerate(pairwise(floor)):
         ends = (x - half + 0.5, x + half - 0.5)[:: 1 if k % 2 else -1]
         for y in (-out + 0.15, -out + 0.7):
@@ -222,6 +225,7 @@ def lay_out_goods(canvas: Canvas, kind: str, span: tuple[float, float], floor: f
             canvas.disc(x, floor + 1.55, 0.1, (206, 170, 140))
             canvas.fill([(x + dx, floor + dz) for dx, dz in outline], tone)
     else:
+        # any other trade: two rows of boxes
         for x in np.arange(span[0] + 0.05, span[1] - 0.5, 0.72):
             for z in (floor + 0.1, floor + 0.95):
                 canvas.rect(x, z, x + 0.62, z + 0.78, pick(rng, BRIGHT))
@@ -362,12 +366,14 @@ def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Genera
     front, sign = shop_skins(trade, looks)
     back, low = 0.45, 0.0
     z = 3.05
+    # the box of the fascia, behind the sign
     board = kit.boxes([x0, -0.16, z + 0.02], [x1, 0.4, z + 0.98], looks.plain(trade.board), BUILDING, ("back",))
     # a narrow shop shows the middle of the sign, at its true size
     share = min(1.0, (x1 - x0) / SIGN_W)
     fascia = kit.wall_quads((x0 + 0.05, z + 0.1, x1 - 0.05, z + 0.9), -0.165, sign, SceneClass.SIGN, fit=True)
     crop = np.array([[(0.5 - share / 2, 0), (0.5 + share / 2, 0), (0.5 + share / 2, 1), (0.5 - share / 2, 1)]])
     fascia = kit.quads(fascia.vertices.reshape(-1, 4, 3), sign, SceneClass.SIGN, crop)
+    # the front lies 0.45 m behind the wall, under a ceiling
     glass = kit.quads([(x0, back, low), (x1, back, low), (x1, back, z), (x0, back, z)], front, BUILDING, kit.UNIT)
     frame = looks.plain(trade.frame)
     ceiling = kit.quads(np.array([[(x0, 0, z), (x0, back, z), (x1, back, z), (x1, 0, z)]])[:, ::-1], frame, BUILDING)

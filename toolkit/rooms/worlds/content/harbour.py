@@ -209,6 +209,7 @@ def build_harbour(seed: int = 0) -> World:
 def _quay(looks: Looks) -> Piece:
     x, back = QUAY_X, QUAY_BACK_Y
     concrete, stone = concrete_apron(looks), wall(looks, "ashlar", STONES[3])
+    # tyres along the wall as fenders every 10 m, ladders every 40 m, bollards every 20 m
     ring = revolve([(0.3, -0.15), (0.55, -0.15), (0.6, 0), (0.55, 0.15), (0.3, 0.15), (0.3, -0.15)], 14)
     tyre = kit.solid([ring.rotated("x", 90)], looks.plain((28, 28, 30), "matte"), F)
     tyres = np.array([(px, -0.2, -0.9) for px in np.arange(-x + 5, x, 10.0)])
@@ -334,11 +335,13 @@ def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
     bays = np.linspace(0, width, 5)
     middle = (bays[1:] + bays[:-1]) / 2
     rng = looks.rng(f"shed-{number}")
+    # windows above the doors, a door in each bay
     face = kit.upright([(x - 2.4, 5.0, x + 2.4, 7.2) for x in middle], -0.05)
     canvas = Canvas(9, 1.2, 48, (236, 232, 220))
     canvas.text(4.5, 0.6, f"SHED {number + 4} · CITY DOCKS", 0.9, (40, 44, 60), fit_m=8.4)
     words = sheet(f"shed-{number}", looks, canvas)
     low, high = (kit.xyz(middle - 2.0, -0.1, 0.0), kit.xyz(middle + 2.0, 0.0, 4.2))
+    # a pitched roof over each bay: its two slopes, and the gables at both ends
     ridge = np.array([
         [(a, -0.3, 9), (m, -0.3, 11.6), (m, depth + 0.3, 11.6), (a, depth + 0.3, 9)]
         for a, m in zip(bays[:-1], middle, strict=True)

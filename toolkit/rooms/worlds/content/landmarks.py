@@ -64,6 +64,7 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
 
 def _hoarding(width: float, depth: float, looks: Looks) -> Piece:
     c, rng = Canvas(9.6, 2.4, 56, (28, 92, 74)), looks.rng("hoarding")
+    # boards of 1.2 m, with posters
     for k in range(8):
         c.line([(1.2 * k, 0), (1.2 * k, 2.4)], 0.03, (18, 64, 52))
     for k in range(5):

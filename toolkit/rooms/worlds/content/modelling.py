@@ -254,6 +254,7 @@ def assemble(parts: Sequence[Part], materials: dict[str, tuple[float, float]], a
         chart = np.asarray(_render_paint(part.paint, width, height, px_per_mm))
         padded = np.pad(chart, ((GUTTER_PX, GUTTER_PX), (GUTTER_PX, GUTTER_PX), (0, 0)), mode="edge")
         atlas.paste(Image.fromarray(padded), (left - GUTTER_PX, top - GUTTER_PX))
+        # from millimetres on the chart to texels of the atlas, rows from the top
         scaled = part.corner_uv / np.array(part.chart_mm) * [width, height]
         corner_uv.append(np.stack([left + scaled[..., 0], atlas_px - (top + height - scaled[..., 1])], -1) / atlas_px)
         vertices.append(part.vertices)
@@ -325,6 +326,7 @@ def _pack(charts_mm: list[tuple[float, float]], atlas_px: int) -> tuple[float, l
         ]
         places: list[tuple[int, int]] = [(0, 0)] * len(sizes)
         x = y = shelf = 0
+        # a chart that is too wide for the rest of the shelf begins a new shelf above the tallest
         for i in sorted(range(len(sizes)), key=lambda k: -sizes[k][1]):
             width, height = sizes[i]
             if x + width > atlas_px:

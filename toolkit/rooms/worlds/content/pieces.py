@@ -71,6 +71,7 @@ class Looks:
         """An sRGB colour; all plain colours of a finish share one texture."""
         key = tuple(int(c) for c in colour), finish
         if key not in self._plain:
+            # a page of the finish holds CELLS² colours; further colours begin another
             used = sum(1 for _, other in self._plain if other == finish)
             page, used = divmod(used, CELLS * CELLS)
             name = f"plain-{finish}{page or ''}"
@@ -274,6 +275,7 @@ def place(piece: Piece, at: ArrayLike, yaw_deg: ArrayLike = 0.0, scale: ArrayLik
     yaw = np.radians(np.broadcast_to(np.asarray(yaw_deg, np.float64), (k,)))
     factor = np.asarray(scale, np.float64)
     factor = np.broadcast_to(factor.reshape(-1, 1) if factor.ndim < 2 else factor, (k, 3))
+    # rounded: the last bits of a sine differ between machines
     cosine, sine = np.round(np.cos(yaw), 9)[:, None], np.round(np.sin(yaw), 9)[:, None]
 
     def turn(vectors: np.ndarray) -> np.ndarray:
@@ -281,6 +283,7 @@ def place(piece: Piece, at: ArrayLike, yaw_deg: ArrayLike = 0.0, scale: ArrayLik
         return np.stack([x * cosine - y * sine, x * sine + y * cosine, z], axis=2)
 
     vertices = turn(piece.vertices[None] * factor[:, None]) + at[:, None]
+    # normals scale by the inverse: a surface that is stretched leans less
     normals = turn(piece.normals[None] / factor[:, None])
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-9)
     return Piece(

@@ -143,6 +143,7 @@ def _sidepods() -> list[Part]:
             superellipse(outer - inner, high - low, power, 48, x, side * (inner + outer) / 2, (low + high) / 2)
             for x, (inner, outer, low, high, power) in zip(stations, curve(POD)(stations), strict=True)
         ]
+        # the inlet: a white lip round the mouth, and a dark throat behind it
         mouth, centre = sections[-1], sections[-1].mean(axis=0)
         lip, round_lip = (centre + (mouth - centre) * scale + [x, 0, 0] for scale, x in ((0.86, 0), (0.93, 1)))
         throat = centre + (mouth - centre) * 0.78 - [16, 0, 0]

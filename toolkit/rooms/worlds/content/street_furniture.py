@@ -237,6 +237,7 @@ def cafe_table(looks: Looks) -> Piece:
     """A table under a parasol with two chairs."""
     cloth = [looks.plain((206, 44, 40), "matte"), looks.plain((240, 234, 220), "matte")]
     angle = np.linspace(0, 2 * np.pi, 9)
+    # the parasol: eight triangles in two colours, each also from below
     rim = kit.xyz(1.35 * np.cos(angle), 1.35 * np.sin(angle), 2.15)
     top = np.broadcast_to([0, 0, 2.7], (8, 3))
     pieces = []
@@ -245,6 +246,7 @@ def cafe_table(looks: Looks) -> Piece:
         corners = np.stack([a, b, c, c], 1)
         pieces += [kit.quads(corners, cloth[k], F), kit.quads(corners[:, [0, 2, 1, 1]] - [0, 0, 0.02], cloth[k], F)]
     wood = looks.plain((70, 48, 34))
+    # pole, table top, two chairs with their legs and backs
     seat = np.array([(-0.95, -0.2, 0.43), (0.55, -0.2, 0.43)])
     legs = np.concatenate([seat + [dx, dy, -0.43] for dx in (0.03, 0.37) for dy in (0.03, 0.37)])
     return kit.merge(

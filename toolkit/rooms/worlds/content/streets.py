@@ -238,6 +238,7 @@ def build_pavement(block: Block, inside: Skin, label: int, looks: Looks) -> Piec
     (x0, y0), (x1, y1) = block.low, block.high
     r, w, z, p = CORNER_M, KERB_WIDTH_M, KERB_M, PAVEMENT_M
     slabs, stone = pavement(looks), kerb(looks)
+    # the pavement is a ring of eight strips that leaves out the round corners
     strips = [
         (x0 + r, y0 + w, x1 - r, y0 + p), (x0 + r, y1 - p, x1 - r, y1 - w), (x0 + w, y0 + p, x0 + p, y1 - p),
         (x1 - p, y0 + p, x1 - w, y1 - p), (x0 + w, y0 + r, x0 + r, y0 + p), (x1 - r, y0 + r, x1 - w, y0 + p),
@@ -247,6 +248,7 @@ def build_pavement(block: Block, inside: Skin, label: int, looks: Looks) -> Piec
         floor_quads(np.array(strips), z, slabs, PAVED),
         floor_quads((x0 + p, y0 + p, x1 - p, y1 - p), z, inside, label),
     ]
+    # each side's kerb and corner, turned by a quarter each
     for k, (x, y) in enumerate(((x0, y0), (x1, y0), (x1, y1), (x0, y1))):
         span = (x1 - x0, y1 - y0)[k % 2] - 2 * r
         # a kerb's face and top along x, the road towards -y
@@ -295,6 +297,7 @@ def place_vehicles(plan: Plan, fleet: Fleet, rng: np.random.Generator) -> Piece:
 
     for stretch in plan.both_ways():
         half, end = stretch.street.half, stretch.length - CROSSING_M - 5.0
+        # parked from crossing to crossing, a little askew; an empty place is 6 m
         along = CROSSING_M + 6.0
         while along < end:
             vehicle = pick(fleet.parked())
@@ -315,6 +318,7 @@ def place_vehicles(plan: Plan, fleet: Fleet, rng: np.random.Generator) -> Piece:
                 break
             put(vehicle, stretch, along - vehicle.length / 2, lane + rng.uniform(-0.15, 0.15))
             along -= vehicle.length + rng.choice([1.8, 8.0, 18.0, 36.0])
+        # trams run in the middle of avenues
         if stretch.street.avenue and rng.random() < 0.3 and stretch.length > 36:
             tram = fleet.trams[int(rng.integers(len(fleet.trams)))]
             put(tram, stretch, stretch.length / 2 + rng.uniform(-4, 4), 1.68)
@@ -349,6 +353,7 @@ def build_standing(standing: Standing, looks: Looks) -> Piece:
             made = old_lamp(looks)
         elif kind == "tree":
             made = street_tree(looks, int(rest))
+            # the height follows from the place, so that a tree keeps it whatever else is drawn
             scale = 0.75 + 0.5 * ((spots[:, 0] * 7.13 + spots[:, 1] * 3.7) % 1.0)
         elif kind == "shrub":
             made = shrub(looks, int(rest))
@@ -383,6 +388,7 @@ def _line_kerb(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.
             if plan.is_free(point, FURNITURE[kind][1]):
                 turn = 90.0 if kind in ("bicycle",) else 0.0
                 standing[kind].append((*point, KERB_M, stretch.yaw_deg + turn))
+        # a traffic sign now and then, and a bus shelter in the middle of a long street
         if rng.random() < 0.12 and plan.is_free(point, 1.0):
             kind = SIGN_KINDS[1:][int(rng.integers(len(SIGN_KINDS) - 1))]
             standing[f"sign:{kind}"].append((*stretch.point(along + 1.6, right - 0.1), KERB_M, stretch.yaw_deg - 90))
@@ -419,6 +425,7 @@ def _signal(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.Gen
     if inside and (stretch.street.avenue or stretch.across.avenue or rng.random() < 0.7):
         runs_north = abs(stretch.ahead[1]) > 0.5
         arm = 6.5 if stretch.street.avenue else 4.6
+        # green for one of the crossing directions, by the corner's place
         lit = (0 if runs_north else 2) if int(abs(beyond[0] // 7)) % 2 else (2 if runs_north else 0)
         if plan.is_free(beyond, 0.3):
             standing[f"signal:{lit}|{stretch.across.name}|{arm}"].append((*beyond, KERB_M, stretch.yaw_deg - 90))

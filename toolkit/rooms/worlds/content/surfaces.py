@@ -250,15 +250,18 @@ def _hang(style: PaneStyle, rng: np.random.Generator, day: np.ndarray, glow: np.
     )
     kind = rng.integers(3)
     if kind == 0:
+        # curtains at both sides, wider towards the lower end
         x = np.abs(np.linspace(-1, 1, w))[None, :] + 0.12 * np.linspace(-1, 1, h)[:, None]
         cover = (x > rng.uniform(0.4, 0.8)).astype(np.float32)[..., None]
         folds = 1 + 0.16 * np.sin(np.linspace(0, 60, w))[None, :, None]
     elif kind == 1:
         cover = np.zeros((h, w, 1), np.float32)
+        # a roller blind from the top
         cover[: int(h * rng.uniform(0.2, 0.8))] = 1
         folds = np.ones((1, 1, 1))
     else:
         cover = np.zeros((h, w, 1), np.float32)
+        # a venetian blind, with gaps between its slats
         cover[: int(h * rng.uniform(0.4, 1.0))] = 0.85
         folds = 1 + 0.25 * np.sign(np.sin(np.linspace(0, h * 0.9, h)))[:, None, None]
     # cloth over the pane by day; by night it dims the lit room

@@ -536,6 +536,7 @@ def van(colour: Colour, words: str, looks: Looks, name: str) -> Vehicle:
     ground_coat(paint)
     car_ends(paint, looks.rng(name))
     w = body.width / 2
+    # flanks: the front door's window, seams of doors, handle, stripe and name
     paint.fill("left right", [(0.75, 1.32), (0.8, 2.1), (1.3, 2.1), (1.85, 1.36)], GLASS)
     paint.line("left right", [(0.7, 0.4), (0.7, 2.2)], 0.02, shade(colour, 0.5))
     paint.line("left right", [(-0.6, 0.4), (-0.6, 2.2)], 0.02, shade(colour, 0.5))
@@ -544,6 +545,7 @@ def van(colour: Colour, words: str, looks: Looks, name: str) -> Vehicle:
     paint.rect("left right", (-2.75, 1.02), (0.6, 1.1), ink)
     paint.text("left right", (-1.05, 1.65), words, 0.5, ink, fit_m=2.9)
     paint.text("left right", (-1.05, 1.25), "EXPRESS DELIVERY", 0.18, ink)
+    # windscreen, on the roof and the front; rear doors with windows
     paint.fill("top", [(1.2, -w * 0.82), (1.95, -w * 0.88), (1.95, w * 0.88), (1.2, w * 0.82)], GLASS)
     paint.fill("front", [(-w * 0.82, 2.28), (-w * 0.9, 1.36), (w * 0.9, 1.36), (w * 0.82, 2.28)], GLASS)
     for y in (-0.48, 0.48):

@@ -134,9 +134,11 @@ class KeptFrames:
         """Return the square around the object in a kept frame: left, top, right and bottom, pixels, in the image."""
         record = self._known[path]
         from_world, size = np.linalg.inv(record.T_world_camera), record.intrinsics
+        # corners of the object's box in the camera's axes, then pixels of a pinhole
         x, y, z = from_world[:3, :3] @ np.array(record.box).T + from_world[:3, 3:]
         u, v = size["fx"] * x / z + size["cx"], size["fy"] * y / z + size["cy"]
         width, height = int(size["width"]), int(size["height"])
+        # a square with a margin, moved until it lies in the frame
         side = min(width, height, OBJECT_MARGIN * max(np.ptp(u), np.ptp(v)))
         left = float(np.clip((u.min() + u.max() - side) / 2, 0, width - side))
         top = float(np.clip((v.min() + v.max() - side) / 2, 0, height - side))

@@ -63,6 +63,7 @@ def shoot_missing(
     write_objects(kept.folder.parent / "objects", stage, name)
     camera = stage.camera.intrinsics
     meshes = {key: hash_mesh(stage_variant.mesh) for key, stage_variant in stage.variants.items()}
+    # the key of a frame: simulator, world, camera, mesh, place and pose
     shared = Work("simulator frame", old_at=NOWHERE).key(list(astuple(address)), stage.world.sha256, camera)
     missing = []
     for task in tasks:

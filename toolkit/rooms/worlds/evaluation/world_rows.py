@@ -305,6 +305,7 @@ def measure_halves(results: WorldResults, sampler: ClusterBootstrap) -> list[Hal
 def _each_curve(results: WorldResults, sampler: ClusterBootstrap) -> Iterator[dict[str, Any]]:
     for axis, (_, edges) in AXES.items():
         values = place_on_axis(results, axis)
+        # bins of the axis, each with its own cameras of all places
         for low, high in pairwise(edges):
             own = (values >= low) & (values < high)
             if not own.any():

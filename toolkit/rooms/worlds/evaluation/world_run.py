@@ -282,6 +282,7 @@ def evaluate_world(
     with hold_folder(worlds_dir), (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as workers:
         everything = config.keep or config.is_simulated
         kept = KeptFrames(run_dir / "frames", asked.stage, asked.places, asked.item.spec, everything)
+        # a simulator's pictures are all shot before the network is asked
         renderer = None
         if config.is_simulated:
             shots = shoot_missing(Address.parse(config.renderer), asked.stage, asked.places, asked.tasks(), kept)

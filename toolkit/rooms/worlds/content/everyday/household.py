@@ -175,6 +175,7 @@ def make_table_lamp(rng: np.random.Generator) -> Mesh:
     top = wide * draw(rng, 0.4, 0.95)
     colour = pick_colour(rng, "ceramic", "brass", "wood", "bright", "dark", "steel")
     kind = pick(rng, ("slim", "gourd", "candlestick"))
+    # outlines of the stand: radius and height
     body = {
         "slim": [(foot, 0), (foot, 6), (foot * 0.3, 14), (5, 24), (5, stand)],
         "gourd": [(foot * 0.7, 0), (foot * 0.75, 6), (belly + 14, stand * 0.4), (9, stand * 0.8), (6, stand)],
@@ -184,6 +185,7 @@ def make_table_lamp(rng: np.random.Generator) -> Mesh:
     }[kind]  # fmt: skip
     paint = decorate(rng, colour, "ceramic", "pale") if kind == "gourd" else colour
     cloth = pick_colour(rng, "pale") if chance(rng, 0.6) else pick_colour(rng, "ceramic", "bright")
+    # the shade narrows evenly, or a little more in the middle
     bell = 0.5 * (wide + top) - draw(rng, 0, 0.14) * wide
     shade_line = [(wide, low), (bell, low + high / 2), (top, low + high)]
     cloth_paint = stripes([cloth, shade(cloth, 0.88)], int(rng.integers(10, 24))) if chance(rng, 0.4) else cloth
@@ -382,9 +384,11 @@ def make_hourglass(rng: np.random.Generator) -> Mesh:
     clear, filled = vary(rng, (204, 218, 218), 6), draw(rng, 0.08, 0.34)
     middle, thick = high / 2, 9.0
     points = [(radius * 0.5, thick), (radius, thick + 16), (radius * 0.94, middle * 0.6), (neck, middle)]
+    # the upper bulb mirrors the lower one
     bulb = smooth_curve(points, 16)
     outline = np.vstack([bulb, (bulb[::-1] * [1, -1] + [0, high])[1:]])
     top = 0.5 + 0.42 * draw(rng, 0.1, 0.8)
+    # what is left of the sand above, and what has run down, as colours along the outline
     glass = bands([sand, clear, sand, clear], [filled, 0.5, top])
     rim = wood_grain(rng, colour) if chance(rng, 0.4) else colour
     parts = [revolve(outline.tolist(), 32, glass, "glass")]
@@ -495,6 +499,7 @@ def make_dumbbell(rng: np.random.Generator) -> Mesh:
             z += thick
         ends += cylinder(bar * 1.1, z, z + 14, steel, "metal", 6 if chance(rng, 0.5) else 16)
         ends += cylinder(bar * 0.8, z, z + 26, steel, "metal", 16)
+    # one head, mirrored to the other end; the grip is thickest in the middle
     side = turned(moved(ends, z=reach * 0.62), "x", -90)
     knurl = stripes([steel, shade(steel, 0.75)], 24, 2)
     grip = turned([lathe([(bar, -reach), (bar * 1.15, 0), (bar, reach)], knurl, "metal", 10, 20)], "x", 90)
@@ -532,6 +537,7 @@ def make_soccer_ball(rng: np.random.Generator) -> Mesh:
     """A truncated icosahedron blown up: dark pentagons, pale hexagons, seams; turned anyhow."""
     pale = vary(rng, (242, 242, 238), 6) if chance(rng, 0.8) else pick_colour(rng, "pale", "bright")
     dark = vary(rng, (24, 24, 28), 6) if chance(rng, 0.7) else pick_colour(rng, "bright", "dark")
+    # corners of an icosahedron are the pentagons' middles, its faces the hexagons'
     golden = (1 + 5**0.5) / 2
     corners = np.array([v for a in (-1, 1) for b in (-golden, golden) for v in ((0, a, b), (a, b, 0), (b, 0, a))])
     near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.1
@@ -546,6 +552,7 @@ def make_soccer_ball(rng: np.random.Generator) -> Mesh:
         turn, tilt = 2 * np.pi * u, np.pi * (v - 0.5)
         x, y = np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn)
         directions = np.stack([x, y, np.broadcast_to(np.sin(tilt), x.shape)], -1).astype(np.float32)
+        # a direction belongs to the face whose plane it meets first; near two of them runs a seam
         reach = directions @ (normals @ axes).T.astype(np.float32)
         first = np.partition(reach, -2, axis=-1)
         seam = first[..., -1] - first[..., -2] < 0.006
@@ -585,9 +592,11 @@ def _one_die(rng: np.random.Generator, ground: Colour, ink: Colour) -> list[Part
 
     grid = np.linspace(-1, 1, 13)
     u, v = np.meshgrid(grid, grid)
+    # a superellipsoid of power 7: a cube with rounded edges
     cube = np.stack([u, v, np.ones_like(u)], -1)
     rounded = half * cube / np.linalg.norm(cube, ord=power, axis=2, keepdims=True)
     first = int(rng.integers(1, 4))
+    # opposite faces add up to 7
     numbers = [first, 7 - first, *[n for n in range(1, 7) if n not in (first, 7 - first)]]
     turns = [("x", 0), ("x", 180), ("x", 90), ("y", 90), ("y", -90), ("x", -90)]
     return [net_part(list(rounded), face(n), "plastic").rotated(axis, angle).moved(z=half) for n, (axis, angle) in

@@ -55,10 +55,12 @@ def make_minivan(rng: np.random.Generator) -> Mesh:
     half, belt, roof = draw(rng, 46, 52), draw(rng, 52, 58), draw(rng, 88, 104)
     colour, nose = pick_colour(rng, "car"), draw(rng, 34, 44)
     d = 2 * half
+    # sections along the car: x, width, height, middle's height, roundness
     body = hull([(-134, d * 0.9, belt - 18, (belt + 18) / 2, 5), (-128, d, belt - 10, (belt + 10) / 2, 6),
                  (40, d, belt - 10, (belt + 10) / 2, 6),
                  (90, d * 0.98, belt - 16, (belt + 6) / 2, 6), (122, d * 0.92, nose - 6, (nose + 16) / 2, 5),
                  (134, d * 0.72, nose - 16, (nose + 12) / 2, 4)], colour, count=18, around=28)  # fmt: skip
+    # windscreen and rear window slope: the roof is shorter than the belt
     screen, back = draw(rng, 40, 62), draw(rng, 4, 16)
     foot = np.array([(-128, -half + 2), (96, -half + 4), (96, half - 4), (-128, half - 2)])
     top = np.array(
@@ -66,8 +68,10 @@ def make_minivan(rng: np.random.Generator) -> Mesh:
     )
     parts = [*body, *_glass_house(foot, top, belt - 3, roof, colour)]
     parts += wheels([(84, half - 5, 23, 16), (-84, half - 5, 23, 16)], pick_colour(rng, "steel"), pick(rng, (0, 5, 7)))
+    # dark wheel arches
     arch = turned(cylinder(27, -3, 0.4, (20, 20, 22), "rubber", 24), "x", -90)
     parts += mirrored([part.moved(x, half, 26) for part in arch for x in (84, -84)])
+    # on each side: head lamp, tail lamp, mirror, perhaps a roof rail, and the seams of the doors
     for y in (1, -1):
         parts += block((8, 18, 9), (126, y * (half - 16), nose - 2), LAMP, "glass", 2)
         parts += block((3, 9, 20), (-133, y * (half - 9), belt - 10), (190, 24, 28), "glass", 1)
@@ -78,6 +82,7 @@ def make_minivan(rng: np.random.Generator) -> Mesh:
         parts += block((150, 0.8, 1.2), (-35, y * (half + 0.3), belt - 12), shade(colour, 0.5))
         for x in (44, -18, -76):
             parts += block((0.9, 0.8, belt - 28), (x, y * (half + 0.3), belt / 2 + 8), shade(colour, 0.5))
+    # grille, bumpers and number plate
     parts += block((4, 44, 8), (133, 0, 20), (26, 26, 28), "rubber")
     parts += block((6, d * 0.9, 12), (130, 0, 17), shade(colour, 0.85), "paint", 2)
     parts += block((6, d * 0.9, 12), (-132, 0, 19), shade(colour, 0.85), "paint", 2)
@@ -109,27 +114,33 @@ def make_gokart(rng: np.random.Generator) -> Mesh:
     colour, frame = pick_colour(rng, "bright"), pick_colour(rng, "dark", "bright", "steel")
     half, long = draw(rng, 52, 62), draw(rng, 88, 102)
     radius = draw(rng, 19, 24)
+    # wheels on two axles
     places = [(long - 16, half + 12, radius, 24), (-long + 18, half + 12, radius + 2, 32)]
     parts = wheels(places, pick_colour(rng, "steel", "bright"))
     parts += rod([(-long + 18, -half, radius), (-long + 18, half, radius)], 4, frame, "metal")
     parts += rod([(long - 16, -half, radius), (long - 16, half, radius)], 3, frame, "metal")
     parts += block((1.7 * long, 46, 3), (0, 0, 12), (60, 62, 66), "metal")
+    # floor, rails, and a bumper round the front; side pods
     rails = [(-long, 20, 14), (-20, 28, 14), (40, 26, 14), (long, 18, 14)]
     parts += mirrored(rod(rails, 4, frame, "metal"))
     bumper = [(long - 4, -half + 6, 16), (long + 22, -26, 16), (long + 22, 26, 16), (long - 4, half - 6, 16)]
     parts += [*rod(bumper, 4, frame, "metal"), *mirrored(block((72, 22, 20), (2, half + 2, 18), colour, "plastic", 4))]
+    # nose and a board with the number
     nose = [(0, -34), (30, -26), (36, 0), (30, 26), (0, 34)]
     number = lettered((244, 244, 240), (20, 20, 22), str(int(rng.integers(1, 99))))
     parts += moved(extrude(nose, 9, 3, colour, "plastic"), long - 14, 0, 17)
     board = [*block((3, 34, 24), (0, 0, 0), (244, 244, 240)), picture(34, 24, number).moved(1.7)]
     parts += moved(turned(board, "y", -35), long - 22, 0, 38)
+    # bucket seat
     seat = pick_colour(rng, "dark")
     parts += block((44, 42, 8), (-22, 0, 18), seat, "plastic", 3)
     parts += moved(turned(block((8, 42, 54), (0, 0, 25), seat, "plastic", 3), "y", -18), -44, 0, 18)
     parts += mirrored(block((40, 5, 22), (-24, 21, 26), seat, "plastic", 2))
+    # steering wheel on its column
     turn = np.linspace(0, 2 * np.pi, 17)
     ring = rod(np.stack([0 * turn, 15 * np.cos(turn), 15 * np.sin(turn)], 1), 2.2, RUBBER, "rubber", 20, 8)
     parts += [*moved(turned(ring, "y", -40), 26, 0, 50), *rod([(26, 0, 50), (58, 0, 16)], 2.4, frame, "metal")]
+    # the engine beside the seat
     engine = [
         *block((30, 28, 26), (-58, 46, 30), (70, 70, 74), "metal", 3),
         *cylinder(11, 42, 58, (150, 152, 156), "metal"),
@@ -267,18 +278,22 @@ def _open_wheeler(rng: np.random.Generator) -> list[Part]:
     body = hull([(-112, 16, 14, 24, 2.6), (-70, wide, 30, 24, 3), (-20, wide * 1.1, 34, 23, 3.4),
                  (30, wide * 0.9, 30, 22, 3),
                  (80, wide * 0.6, 20, 18, 2.6), (126, 12, 10, 15, 2.2)], paint)  # fmt: skip
+    # side pods with their inlets, and the airbox behind the driver
     pod = hull([(-74, 8, 16, 18, 3), (-40, 26, 26, 18, 4), (8, 28, 26, 18, 4), (24, 24, 22, 18, 4)], paint, count=10)
     mouth = block((1, 18, 15), (24.6, 0, 18), (16, 16, 18))
     airbox = hull([(-84, 4, 6, 38, 2), (-46, 14, 22, 44, 2.4), (-20, 16, 24, 50, 2.4)], main, count=8, around=16)
     parts = [*body, *mirrored(moved([*pod, *mouth], y=wide * 0.5 + 10)), *airbox]
     parts += [ball(1, (18, 18, 20), "plastic", 18, 6, (24, 13, 3)).moved(6, 0, 38), *_helmet(rng, -2, 47)]
+    # open wheels on wishbones
     half = draw(rng, 58, 66)
     share = pick(rng, (0, 5, 6))
     places = [(front, half - 8, tyre, 20), (rear, half - 12, tyre + 3, 28)]
     parts += wheels(places, pick_colour(rng, "steel", "bright"), share)
     parts += _arms([(front, wide * 0.25, half - 14, 12), (rear, wide * 0.3, half - 20, 12)], tyre)
+    # front wing with end plates
     parts += block((22, draw(rng, 100, 124), 3), (124, 0, 10), other, "paint", 1)
     parts += mirrored(slab([(108, 6), (136, 6), (136, 18), (108, 24)], 2, main, "paint", 58))
+    # rear wing of one or two planes, between end plates on struts
     high = draw(rng, 58, 76)
     for z, pitch in ((high, 8), (high + 9, 24))[: pick(rng, (1, 2))]:
         parts += moved(turned(block((28, 96, 3), (0, 0, 0), other, "paint", 1), "y", pitch), -120, 0, z)
@@ -324,6 +339,7 @@ def _prototype(rng: np.random.Generator) -> list[Part]:
     body = hull([(-126, wide * 0.9, 22, 24, 5), (-80, wide, 32, 23, 5), (0, wide * 0.96, 26, 20, 5),
                  (70, wide, 26, 19, 5),
                  (110, wide * 0.96, 16, 14, 5), (134, wide * 0.7, 6, 9, 4)], paint, around=32)  # fmt: skip
+    # arches over the wheels, closed cockpit, and a spine behind it
     arches = mirrored(
         [ball(1, main, "paint", 20, 8, (36, 13, 21)).moved(x, wide * 0.5 - 13, tyre * 0.9) for x in (80, -82)]
     )
@@ -332,11 +348,13 @@ def _prototype(rng: np.random.Generator) -> list[Part]:
     parts = [*body, *arches, cabin, *spine]
     places = [(80, wide * 0.5 - 7, tyre, 18), (-82, wide * 0.5 - 7, tyre, 20)]
     parts += wheels(places, pick_colour(rng, "steel", "brass"), 5)
+    # rear wing, as wide as the car
     high = draw(rng, 56, 70)
     parts += moved(turned(block((26, wide, 3), (0, 0, 0), other, "paint", 1), "y", 8), -122, 0, high)
     outline = [(-138, high - 14), (-106, high - 14), (-106, high + 6), (-138, high + 8)]
     parts += mirrored(slab(outline, 2.4, main, "paint", wide / 2))
     parts += mirrored(slab([(-126, 30), (-116, 30), (-116, high), (-126, high)], 2, RUBBER, "paint", 18))
+    # lamps, numbers on nose and flanks, and perhaps a fin
     parts += mirrored(block((10, 18, 6), (112, wide * 0.34, 19), LAMP, "glass", 2))
     parts += moved(turned(block((34, 34, 0.8), (0, 0, 0), _number(rng)), "y", 9), 88, 0, 31.5)
     number = _number(rng)
@@ -418,21 +436,25 @@ def _swept_jet(rng: np.random.Generator) -> list[Part]:
     body = hull([(-112, wide * 0.9, tall * 0.7, 0, 3.4), (-40, wide * 1.05, tall, 0, 3.6), (30, wide, tall, 0, 3.4),
                  (70, wide * 0.5, tall * 0.95, 1, 2.4), (110, wide * 0.34, tall * 0.6, 0, 2), (152, 0.6, 0.6, -2, 2)],
                 skin)  # fmt: skip
+    # swept wings and tailplane, a half each
     root = draw(rng, 64, 90)
     half = wing(
         (root * 0.4, wide * 0.4, 0), (root * 0.4 - draw(rng, 40, 70), span, draw(rng, -4, 2)), (root, 24), 5, skin
     )
     tail = wing((-76, wide * 0.4, -1), (-104, draw(rng, 48, 60), -1), (38, 18), 3, skin)
+    # a single fin, or two that lean outwards
     twin, lean = chance(rng, 0.65), draw(rng, 0, 16)
     at = wide * 0.36 if twin else 0.0
     fin = wing((-52, at, tall * 0.3), (-92, at + (lean if twin else 0), tall * 0.3 + draw(rng, 40, 58)), (48, 20), 3,
                skin,
                upright=True)  # fmt: skip
+    # jet pipes behind and intakes beside the fuselage
     pipe = turned(cylinder(tall * 0.4, 111, 124, (58, 56, 56), "metal", 20, tall * 0.33), "y", -90)
     intake = block((60, 9, tall * 0.8), (18, wide * 0.5 + 3, -1), main, bevel=2)
     mouth = block((1, 6, tall * 0.6), (48.4, wide * 0.5 + 3, -1), (16, 16, 18))
     parts = [*body, *mirrored([*half, *tail, *intake, *mouth, *moved(pipe, y=wide * 0.24)])]
     parts += mirrored(fin) if twin else fin
+    # canopy, markings, stores under the wings, perhaps the gear
     parts.append(_canopy(74, tall * 0.4, 27, 8.5))
     parts += _roundels(rng, -20, span * 0.62, 1.6, 18) if chance(rng, 0.5) else []
     if chance(rng, 0.75):

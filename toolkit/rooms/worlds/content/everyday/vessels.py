@@ -271,6 +271,7 @@ def make_bucket(rng: np.random.Generator) -> Mesh:
     colour = pick_colour(rng, "bright") if chance(rng, 0.6) else pick_colour(rng, "steel")
     material = "plastic" if max(colour) - min(colour) > 40 else "metal"
     outline = [(base, 0.0)]
+    # two ribs round the pail
     for share in (draw(rng, 0.25, 0.35), draw(rng, 0.7, 0.85)):
         radius = base + (top - base) * share
         outline += [(radius, share * high - 3), (radius + 2.5, share * high), (radius + 1, share * high + 3)]
@@ -281,6 +282,7 @@ def make_bucket(rng: np.random.Generator) -> Mesh:
         content = (draw(rng, 0.6, 0.85), vary(rng, filling[0]), filling[1])
     body = vessel(np.array(outline), 3, colour, shade(colour, 0.9), material, 36, content=content)
     rise = draw(rng, 0.7, 1.05) * top
+    # the bail turns about the rim: upright, or down on one side
     bail = [(y, 0, z) for y, _, z in arc((0, high - 12), (top + 6, rise), 0, 180)]
     handle = turned(rod(bail, 2.6, pick_colour(rng, "steel", "dark"), "metal", 24), "z", 90)
     grip = moved(
@@ -365,6 +367,7 @@ def make_toilet_tissue(rng: np.random.Generator) -> Mesh:
     top = revolve([(radius - 2, high), (core, high)], 40, rings, "paper")
     hole = revolve([(core, high), (core, 0)], 40, card, "paper")
     low = revolve([(core, 0), (radius - 2, 0)], 40, rings, "paper")
+    # the loose sheet leaves the roll along its tangent, and hangs in a slight wave
     turn, loose = np.linspace(0, 0.5, 5), draw(rng, 30, 100)
     path = [((radius + 1) * np.cos(a), (radius + 1) * np.sin(a)) for a in -turn[::-1]]
     path += [(radius + 1 + 0.1 * d * np.sin(d / 25), d) for d in np.linspace(6, loose, 8)]
@@ -391,6 +394,7 @@ def make_wine_bottle(rng: np.random.Generator) -> Mesh:
     foil = pick_colour(rng, "bright", "dark", "brass")
     from_z, to_z = wall_top * draw(rng, 0.15, 0.3), wall_top * draw(rng, 0.75, 0.95)
     sign = label(glass, paper, ink, pick_word(rng), width=draw(rng, 0.35, 0.6), height=(0, 1))
+    # from the wall over the shoulder to the neck
     curve = [
         (radius, to_z), (radius, wall_top),
         (radius * 0.86, wall_top + 0.45 * (shoulder - wall_top)),
@@ -547,6 +551,7 @@ def _nog_glass(rng: np.random.Generator) -> list[Part]:
     foam = scatter(rng, FOAM, [(134, 88, 46), (160, 112, 64)], 90, 0.012)
     cup = vessel(outline, 2.5, cream, clear, "glass", content=(0.94, foam, "matte"))
     top = high * 0.9
+    # the rim stands above the drink
     lip = [
         (outline[-1, 0], top), (outline[-1, 0] + 0.5, top + 9), (outline[-1, 0] - 2, top + 9),
         (outline[-1, 0] - 2, top),
@@ -555,6 +560,7 @@ def _nog_glass(rng: np.random.Generator) -> list[Part]:
     lean = radius * draw(rng, 0.5, 0.8)
     stick = rod([(-lean * 0.2, 0, high * 0.5), (lean, 0, high + draw(rng, 34, 60))], draw(rng, 5, 7), bark, "wood")
     parts = moved([*cup, revolve(lip, 32, clear, "glass"), *turned(stick, "z", draw(rng, 0, 360))], z=stem)
+    # a stem on a foot, or perhaps an ear
     if stem:
         parts += cylinder(radius * 0.8, 0, 4, clear, "glass", 32)
         parts.append(lathe([(radius * 0.8, 4), (6, 10), (5, stem * 0.6), (radius * 0.36, stem)], clear, "glass", 14))
