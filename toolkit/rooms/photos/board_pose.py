@@ -140,6 +140,7 @@ def measure_ink(image: np.ndarray, sighting: BoardSighting) -> float:
     Ink and paper meet at every corner; the median over the visible corners ignores shadows and glare.
     """
     light = LINEAR_OF_CODE[cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)]
+    # a part of the distance to the next corner, so that both ink and paper lie within
     apart = np.linalg.norm(sighting.corners_px[:, None] - sighting.corners_px, axis=-1)
     reach = max(2, int(CHESS_REACH * np.median(np.sort(apart, axis=1)[:, 1])))
     shares = []

@@ -162,6 +162,7 @@ def write_lenses(
 
 def choose_lens(photo: Photo, records: list[LensRecord]) -> LensChoice:
     """Return the lens of a photograph: the calibrated lens, else by EXIF, else none and why."""
+    # the lens belongs to the sensor, whose rows may run along the photograph's columns
     turns = turns_upright(photo.path)
     stored = (photo.width, photo.height) if turns % 2 == 0 else (photo.height, photo.width)
     same_camera = [record for record in records if record.camera == photo.camera]
@@ -173,6 +174,7 @@ def choose_lens(photo: Photo, records: list[LensRecord]) -> LensChoice:
         fitting = [record for record in usable if same_aspect((record.height, record.width), stored)]
         turned = turns + 1
     focals = {record.focal_35mm_mm for record in fitting}
+    # a phone has several lenses: without a focal length the lens is not known
     if photo.focal_35mm_mm is None and len(focals) > 1:
         said = join_words(
             f"{focal:g} mm" if focal else "no focal length" for focal in sorted(focals, key=lambda f: f or 0)

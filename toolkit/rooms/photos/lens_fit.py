@@ -130,6 +130,7 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
     Raises:
         ToolkitError: fewer than `LEAST_VIEWS` views can be used, or they do not determine a lens.
     """
+    # enough views, and enough of them at a slant: views straight on leave focal length and distance alike
     refused = {index: why for index, view in enumerate(views) if (why := _why_not(view, views[0]))}
     used = {index: view for index, view in enumerate(views) if index not in refused}
     if len(used) < LEAST_VIEWS:
@@ -142,6 +143,7 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
         )
     size = (views[0].width, views[0].height)
     coverage = cover([view.corners_px for view in used.values()], size)
+    # k3 bends only the outermost corners: without them it fits noise
     flags = 0 if len(used) >= K3_VIEWS and coverage >= GOOD_COVERAGE else cv2.CALIB_FIX_K3
     # bounded: a round takes out a view, or corners; several rounds may be needed
     for _ in range(ROUNDS + len(views)):
@@ -323,6 +325,7 @@ def _fit(views: list[BoardSighting], flags: int) -> _Fit:
     matrix: cv2.typing.MatLike = np.eye(3)
     distortion: cv2.typing.MatLike = np.zeros(5)
     free = 8 if flags & cv2.CALIB_FIX_K3 else 9
+    # lens and poses for the bend so far, and then a Gauss-Newton step for the bend
     for _ in range(BEND_ROUNDS):
         world = [
             np.c_[view.world_mm[:, :2], shape @ bend].astype(np.float32)

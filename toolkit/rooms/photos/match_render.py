@@ -100,6 +100,7 @@ def make_templates(mesh: Mesh, camera: Camera, poses: Sequence[Pose]) -> PoseTem
     """Render poses of a plan, a fraction of a second each, for any number of photographs; `mesh` is in world mm."""
     if not poses:
         raise ToolkitError("no poses to match with: make a plan with 'toolkit plan'")
+    # small renders: cells of gradients and colours are all that is compared
     share = RENDER_SIDE_PX / min(camera.width, camera.height)
     small = camera.scaled(round(camera.width * share), round(camera.height * share))
     renderer = make_renderer(RAYCAST, mesh, make_studio(0, float(mesh.size_mm.max()), "concrete"), ROUGH)
@@ -119,6 +120,7 @@ def make_templates(mesh: Mesh, camera: Camera, poses: Sequence[Pose]) -> PoseTem
         colours.append(_normalise(colour_map, solid, centre=True))
         colour_masks.append(solid.reshape(-1))
         spread.append(colour_map[solid > 0].std(axis=0).max() if solid.any() else 0.0)
+    # colours of an object of a single colour do not tell poses apart
     weight = COLOUR_WEIGHT * min(1.0, float(np.mean(spread)) / COLOURFUL)
     lines, line_masks, paint, paint_masks = (
         np.stack(parts).astype(np.float32) for parts in (edges, edge_masks, colours, colour_masks)
@@ -197,6 +199,7 @@ def _crop_window(picture: np.ndarray, covered: np.ndarray) -> tuple[np.ndarray, 
         raise ToolkitError("a pose of the plan does not see the object: plan again with 'toolkit plan'")
     side = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1
     middle = np.array([(columns[0] + columns[-1]) / 2, (rows[0] + rows[-1]) / 2])
+    # the object's longer side fills OBJECT_CELLS of the window
     scale = OBJECT_CELLS * CELL_PX / side
     size = WINDOW_CELLS * CELL_PX
     place = np.array([[scale, 0, size / 2 - scale * middle[0]], [0, scale, size / 2 - scale * middle[1]]])

@@ -127,6 +127,7 @@ def _find_board(photos: Path, space: Workspace, square_mm: float | None, as_json
         say(found.describe())
         say(f"next: measure {found.length_name}, then toolkit calibrate {quote(photos)} --find-board --square-mm MM")
         return
+    # kind and layout are known from the photographs, and the length from the user: a board file as any other
     spec = found.measured(square_mm)
     file = write_spec(boards_dir(space) / f"{found.name}.toml", spec)
     if as_json:

@@ -287,6 +287,7 @@ def check_retexture(
     )
     fitted = {photo.photo.path.stem: photo for photo in made}
     answers = {stem: _ask(classifiers, photo.image) for stem, photo in fitted.items()}
+    # pairs: each photograph predicts itself, and those of other patches in its place
     places = {stem: _place(stem, photo) for stem, photo in fitted.items()}
     apart = [(a, b) for a, b in itertools.permutations(fitted, 2) if places[a] == places[b]]
     pairs = [(stem, stem) for stem in fitted] + apart
@@ -360,6 +361,7 @@ def _predict(
     classifiers: Sequence[Classifier], draws: Draws,
 ) -> PredictedPhoto:  # fmt: skip
     first, other = fitted[source], fitted[truth]
+    # colours: ΔE00 of texels that show in both
     predicted, said, seen, good = predict_texels(first, other, draws)
     difference = delta_e2000(*(lab_of_linear(srgb_to_linear(values[good])) for values in (said, seen)))
     lumas = [
@@ -369,6 +371,7 @@ def _predict(
         ).astype(np.float32)
         for image, of in ((predicted, first), (other.image, other))
     ]
+    # grain and sharpness, as ratios of the prediction to the photograph
     spectra = [_octaves(luma) for luma in lumas]
     sharp = [float(np.sqrt((cv2.Laplacian(luma, cv2.CV_32F) ** 2).mean())) for luma in lumas]
     noise = [_within_texels(luma, len(other.patch.pixels)) for luma in lumas]

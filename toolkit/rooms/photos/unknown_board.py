@@ -266,6 +266,7 @@ def _fit_numbers(
         squares = [(r, c) for r in range(rows) for c in range(columns)]
         if is_charuco:
             squares = [(r, c) for r, c in squares if (r + c) % 2 == int(not starts_white)]
+        # numbers rise along the rows: each marker's number less its place is the board's first number
         place = {square: i for i, square in enumerate(squares)}
         order = [place.get((int(r), int(c))) for r, c in zip(row, column, strict=True)]
         firsts = Counter(int(number) - i for number, i in zip(numbers, order, strict=True) if i is not None)
@@ -275,6 +276,7 @@ def _fit_numbers(
         # OpenCV's legacy pattern differs only where the count of rows is even
         if first < 0 or (starts_white and rows % 2):
             continue
+        # dictionaries of one family share their first markers: the smallest that has all numbers
         dictionary = _smallest(family, first + len(squares))
         kind = "charuco" if is_charuco else "apriltag-grid" if "APRILTAG" in family else "aruco-grid"
         spec = BoardSpec(

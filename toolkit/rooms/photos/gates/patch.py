@@ -111,6 +111,7 @@ def look_for_patches(
         shown: whether the view shows each of several sheets, from `list_shown`: each is looked for in its own place.
     """
     likely = patch.own or patch.home
+    # places by mesh and mount; without a view, or behind the camera, a sheet may be anywhere
     seen_at = [view.project(sheet.corners_mm) for sheet in patch.sheets if view is not None]
     places = [corners if np.isfinite(corners).all() else None for corners in seen_at] or [None]
     found: tuple[PatchSighting | None, ...] = (None,)
@@ -124,6 +125,7 @@ def look_for_patches(
             if sighting is not None:
                 is_own = likely == patch.own
                 return PatchesSeen((sighting,) if is_own else (None,), None if is_own else likely)
+    # not the object's own: others must have the support of features
     ranked: list[tuple[float, str]] = []
     for name, pixels in patch.patches.items():
         guesses = [] if name == likely else guess_places(photo.features, describe_patch(pixels), 1)
@@ -143,6 +145,7 @@ def _find_each(
     for number, expected in enumerate(places):
         sighting = None
         if shown[number] and expected is not None:
+            # features within half a sheet around its place
             reach = np.ptp(expected, axis=0).max() / 2
             middles = photo.features.frames[:, :, 2] / photo.scale
             low, high = expected.min(axis=0) - reach, expected.max(axis=0) + reach

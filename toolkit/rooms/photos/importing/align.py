@@ -229,10 +229,12 @@ def place_with_gaps(
     every = list(evidence)
     taken = set() if again else {(image.object, image.variant, image.pose_id) for image in index.current.values()}
     parts: dict[Group | None, list[int]] = {}
+    # photographs that need a place, by what they show if that is known
     for i, item in enumerate(every):
         if item.ordered is None and item.no_order and (item.no_order != NOT_FOLLOWED or taken):
             parts.setdefault(item.group, []).append(i)
     for group, members in parts.items():
+        # the shots that they may be, in the order of the list
         shots = [CaptureKey(step.object, step.variant, step.pose_id) for step in steps]
         if group is not None:
             own = [shot for shot in shots if (shot.object, shot.variant) == group]
@@ -240,6 +242,7 @@ def place_with_gaps(
         shots = [shot for shot in shots if (shot.object, shot.variant, shot.pose_id) not in taken]
         if not shots or not members:
             continue
+        # the cheapest alignment in order; only a single candidate is a decision
         costs = _weigh_all(every, members, shots, clues)
         for i, places in zip(members, align_shots(costs), strict=True):
             found = tuple(shots[place] for place in places if place != NO_SHOT)
@@ -256,6 +259,7 @@ def _weigh_all(every: Sequence[Evidence], members: Sequence[int], shots: list[Ca
     costs = np.full((n, m), np.inf)
     with progress("comparing with the shot list", n) as bar:
         for row, i in enumerate(members):
+            # a photograph lies at most so many shots off its place as photographs or shots are missing
             first, last = max(0, row - max(n - m, 0) - DRIFT), min(m, row + max(m - n, 0) + DRIFT + 1)
             if first < last:
                 costs[row, first:last] = clues.weigh(every[i], shots[first:last])

@@ -167,9 +167,11 @@ def drop_twins(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[L
 
     dropped: dict[int, LeftOut] = {}
     for group in groups.values():
+        # the original comes first: without a copy's tail, then the better format
         group.sort(key=lambda c: (bool(find_tail(c)), COMPANION_RANK.get(c.photo.kind, 9), _name_key(c)))
         kept: list[Candidate] = []
         for twin in group:
+            # a copy is compared with the original, and with copies of the same tail
             beside = [other for other in kept if find_tail(other) in ("", find_tail(twin))]
             number = find_copied(twin.photo, [other.photo for other in beside])
             if number is None:

@@ -43,6 +43,7 @@ def resolve_photos(
             outcome = Decision(key, "user", measure_match(item, key, plan))
         else:
             outcome = decide_pose(item, plan, settings.match, by_render)
+        # a person may settle a doubt; a photograph that cannot be used is no doubt
         if isinstance(outcome, Doubt) and ask is not None and item.unusable is None:
             outcome = _ask_pose(item, outcome, plan, ask)
         if isinstance(outcome, Doubt):

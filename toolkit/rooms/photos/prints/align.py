@@ -96,6 +96,7 @@ def is_plausible(warp: PatchWarp, shape: tuple[int, ...]) -> bool:
     depth = UNIT_CORNERS @ H[2, :2] + H[2, 2]
     if (depth <= 1e-3 * depth.max()).any():
         return False
+    # convex and not mirrored: all turns have the same sign; and no side, nor the width across any, is too short
     corners = warp.corners
     sides = np.roll(corners, -1, axis=0) - corners
     following = np.roll(sides, -1, axis=0)

@@ -161,6 +161,7 @@ def _margin_white(photo: np.ndarray, warp: PatchWarp, width: float, brightest: n
     """(3, 3) light of the white margin as a slope over (u, v): rows u, v and middle; None if it is not paper."""
     steps = np.linspace(0.02, 0.98, RING_POINTS)
     sides = []
+    # points on three rings in the white margin
     for away in np.linspace(RING[0] * width, RING[1] * width, 3):
         for edge in (-away, 1 + away):
             line = np.full(RING_POINTS, edge)
@@ -276,6 +277,7 @@ def solve_cube(weights: sparse.csr_matrix, seen: np.ndarray, trust: np.ndarray) 
     """
     m = weights.shape[1]
     usual = usual_print(round(m ** (1 / 3)))
+    # two parts of the unknowns: the affine map of the usual print, free, and a correction, which costs
     columns = sparse.hstack([weights @ usual, weights]).tocsr()
     rows = columns.T.tocsr()
     cost = np.zeros((m + usual.shape[1],) * 2)

@@ -93,6 +93,7 @@ def _describe_patch(content: bytes, n: int) -> LocalFeatures:
     grey = cv2.cvtColor(pixels.repeat(repeat, 0).repeat(repeat, 1), cv2.COLOR_RGB2GRAY)
     upright = cv2.resize(grey, (VIEW_PX, VIEW_PX), interpolation=cv2.INTER_AREA)
     frames, descriptors = [], []
+    # the steeper the slant, the finer the turns
     for slant in SLANTS:
         for turn_deg in np.arange(0, 180, TURN_STEP_DEG / slant) if slant > 1 else (0.0,):
             view, T_view_patch = slant_view(upright, slant, float(turn_deg))
@@ -101,6 +102,7 @@ def _describe_patch(content: bytes, n: int) -> LocalFeatures:
             frames.append(_compose(to_patch[None, :2], features.frames))
             descriptors.append(features.descriptors)
     every = LocalFeatures(np.concatenate(frames), np.concatenate(descriptors))
+    # features of the white margin belong to no patch
     inside = ((every.frames[:, :, 2] > 0) & (every.frames[:, :, 2] < 1)).all(axis=1)
     return LocalFeatures(every.frames[inside], every.descriptors[inside])
 
@@ -114,6 +116,7 @@ def slant_view(upright: np.ndarray, slant: float, turn_deg: float) -> tuple[np.n
     corners = linear @ np.array([[0, 1, 1, 0], [0, 0, 1, 1.0]])
     margin = 16
     low, high = corners.min(axis=1) - margin, corners.max(axis=1) + margin
+    # the view holds the whole square with a margin
     T = np.eye(3)
     T[:2, :2], T[:2, 2] = linear, -low
     size = tuple(int(x) for x in np.ceil(high - low))

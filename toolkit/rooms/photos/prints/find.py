@@ -134,6 +134,7 @@ def rectify_patch(image: np.ndarray, sighting: PatchSighting, n_px: int) -> np.n
 def _starts(photo: SearchedPhoto, patch_pixels: np.ndarray, expected_px: np.ndarray | None) -> list[list[PatchWarp]]:
     """List places to try, in the whole photo's pixels, the likeliest first; each bent and flat."""
     starts: list[list[PatchWarp]] = []
+    # affine from the features, then a homography, then bent: each from the one before
     for guess in guess_places(photo.features, describe_patch(patch_pixels), GUESSES):
         flat = PatchWarp(np.vstack([guess.affine, [0, 0, 1.0]]), FLAT)
         near_px = 0.02 * flat.side_px

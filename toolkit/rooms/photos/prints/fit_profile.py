@@ -55,6 +55,7 @@ def read_strip(image: np.ndarray) -> StripReading | None:
     corners = map_points(H, STRIP.swatch_corners_mm().reshape(-1, 2)).reshape(-1, 4, 2)
     if np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).min() < LEAST_CELL_PX:
         return None
+    # samples inside each cell, away from its border, where ink and lens mix the colours
     steps = ((np.arange(SAMPLE_PX) + 0.5) / SAMPLE_PX - 0.5) * (1 - 2 * INSET) * side
     offsets = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
     places = map_points(H, (STRIP.centres_mm[:, None] + offsets).reshape(-1, 2))
@@ -62,6 +63,7 @@ def read_strip(image: np.ndarray) -> StripReading | None:
     if (at < 0).any() or (at[..., 0] > image.shape[1]).any() or (at[..., 1] > image.shape[0]).any():
         return None
     seen = sample_image(image, at)
+    # the median: a speck or a reflection in a cell does not count
     linear = np.median(srgb_to_linear(seen / 255.0), axis=1)
     clipped = (np.median(seen, axis=1) >= CLIPPED).any(axis=1)
     return StripReading(STRIP.names, STRIP.srgb, linear, clipped, H)

@@ -109,6 +109,7 @@ def fit_photo(file: Path, patches: Sequence[KnownPatch]) -> FittedPhoto:
     searched = search_photo(image)
     sightings = [(find_patch(searched, patch.pixels), patch) for patch in patches]
     seen = [(sighting, patch) for sighting, patch in sightings if sighting is not None]
+    # mirrored prints have the same features: an own message saves a search
     if not seen:
         for patch in patches:
             if find_patch(searched, np.ascontiguousarray(patch.pixels[:, ::-1])) is not None:

@@ -208,12 +208,15 @@ def _fit_colours(
     n = patch_pixels.shape[0]
     weights = cube_weights(patch_pixels.reshape(-1, 3) / 255.0)
     terms = light_terms(cell_centres(n))
+    # even steps over all texels: the cube's nodes need few of them
     some = np.linspace(0, n * n - 1, min(n * n, MOST_TEXELS)).round().astype(int)
+    # ink and lens spread a texel over its four neighbours; at first each keeps all of its own
     around = [_shift(n, *step) for step in ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))]
     shares = np.zeros((3, len(around)))
     shares[:, 0] = 1
     light, weight = np.zeros((terms.shape[1], 3)), trust
     for step in range(COLOUR_ROUNDS):
+        # luma and chroma apart, without the light: a camera blurs them differently
         even = linear_to_srgb(srgb_to_linear(seen) / np.exp(terms @ light)).astype(float) @ YCC.T
         parts = []
         for channel in range(3):
@@ -225,6 +228,7 @@ def _fit_colours(
             node, _ = solve_cube(blurred[some], even[some, channel : channel + 1], weight[some])
             parts.append((node[:, 0], blurred @ node[:, 0]))
         nodes, said = (np.stack(part, axis=1) for part in zip(*parts, strict=True))
+        # Cauchy weights at three medians: texels under a finger or a highlight count little
         miss = np.linalg.norm(even - said, axis=1)
         weight = trust / (1 + (miss / (3 * np.median(miss[trust > 0]) + 1e-6)) ** 2)
         light = _fit_light(terms, seen, said @ RGB.T, weight)
@@ -283,9 +287,11 @@ class PatchScene:
             raise ToolkitError("the patch lies outside of the photo")
         self.left, self.top, uv = placed
         self.uv = uv.astype(np.float32)
+        # the ripple of the paper shifts where texels are seen
         if look.ripple.any():
             coarse = self.uv[::COARSE_PX, ::COARSE_PX]
             self.uv = self.uv - self._enlarge((ripple_terms(np.clip(coarse, 0, 1)) @ look.ripple).astype(np.float32))
+        # texels a pixel: the rim is covered in part, in proportion to what of the pixel it fills
         du, dv = (sum(np.abs(part) for part in np.gradient(self.uv[..., k])) for k in (0, 1))
         self.step = np.stack([du, dv], axis=-1)
         edges = np.clip(np.minimum(self.uv, 1 - self.uv) / np.maximum(self.step, 1e-9) + 0.5, 0, 1)
@@ -423,6 +429,7 @@ def _refine_place(image: np.ndarray, look: PrintedLook, patch_pixels: np.ndarray
     grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255
     best = replace(look, warp=look.warp.scaled(scale))
     scene = PatchScene(small, best, patch_pixels)
+    # the warp of the whole sheet first, then its ripple
     for is_ripple in (False, True):
         uv, pixels = follow(grey, scene.grey_drawn(), best.warp)
         if is_ripple:
@@ -443,6 +450,7 @@ def _fit_ripple(uv: np.ndarray, apart: np.ndarray) -> np.ndarray:
     if len(uv) < LEAST_POINTS:
         return ripple
     terms, weight = ripple_terms(uv), np.ones(len(uv))
+    # ridge regression, reweighted by Cauchy's weights at two medians
     for _ in range(ROBUST_ROUNDS):
         normal = terms.T @ (terms * weight[:, None]) + RIPPLE_RIDGE * np.eye(RIPPLE_TERMS)
         ripple = np.linalg.solve(normal, terms.T @ (apart * weight[:, None]))

@@ -107,6 +107,7 @@ def fit_grid(count: int, room: Rect, aspect: float) -> list[Rect]:
         rows = -(-count // columns)
         width = (room.width - (columns - 1) * GAP_MM) / columns
         height = (room.height - (rows - 1) * GAP_MM) / rows - CAPTION_MM
+        # rounded, so that of equal widths the same number of columns wins everywhere
         best = max(best, (min(width, height * aspect), columns), key=lambda pair: round(pair[0], 6))
     width, columns = best
     height = width / aspect
@@ -148,6 +149,7 @@ def build_shot_list(
         MARGIN_MM, MARGIN_MM + FOOTER_MM, paper.width_mm - 2 * MARGIN_MM,
         paper.height_mm - 2 * MARGIN_MM - FOOTER_MM - HEADER_MM,
     )  # fmt: skip
+    # all pages are laid out first: each footer states the total
     layouts = [lay_out_pages(session, area.height) for session in sessions]
     number, total = 0, sum(map(len, layouts))
     for session, pages in zip(sessions, layouts, strict=True):

@@ -213,6 +213,7 @@ def draw_mounting_plan(pdf: Pdf, area: Rect, drawing: MountDrawing) -> None:
     pdf.heading(area, f"Where {which} goes, {seen}")
     left, bottom, right, top = drawing.frame_mm
     room = Rect(area.x + 9.0, area.y + 8.0, area.width - CHAINS_MM, area.height - CHAINS_MM + 2)
+    # as large as the room allows, with a margin for the chains of measures on two sides
     scale = min(room.width / (right - left), room.height / (top - bottom))
     picture = room.centre((right - left) * scale, (top - bottom) * scale)
     pdf.picture(drawing.jpeg, picture, None)
@@ -220,6 +221,7 @@ def draw_mounting_plan(pdf: Pdf, area: Rect, drawing: MountDrawing) -> None:
     def at(point: Sequence[float] | np.ndarray) -> Point:
         return picture.x + (float(point[0]) - left) * scale, picture.y + (float(point[1]) - bottom) * scale
 
+    # white below the line: it is seen on any paint
     for colour, line in ((WHITE, 0.9), (SHEET, 0.45)):
         pdf.ink(colour, line)
         pdf.shape([at(p) for p in drawing.outline_mm], fill=False)

@@ -190,6 +190,7 @@ def split_page(area: Rect, aspect: float) -> tuple[Rect, ...]:
     """
     left = 0.6 * area.width
     third = 0.23 * area.height
+    # the first row is as high as the mounting's picture wants to be, within limits; the walk takes what is left
     first = float(np.clip((left - CHAINS_MM) / aspect + CHAINS_MM + GAP_MM, 0.365 * area.height, 0.42 * area.height))
     second = area.height - first - third - 2 * GAP_MM
     walk = min(second, 0.5 * area.width)
