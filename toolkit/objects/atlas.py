@@ -239,6 +239,7 @@ def make_atlas(
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or not SIDES_PX[0] <= n <= SIDES_PX[1]:
         raise ToolkitError(f"a texture's side: expected {SIDES_PX[0]} to {SIDES_PX[1]} texels, found {n}")
+    # coordinates: those of an earlier call, new ones of the trained faces, or the mesh's own
     trained = ~choose_kept(mesh, keep, keep_image)
     unwrapped = corner_uv is not None or (not _own_uv_serve(mesh, trained) if unwrap is None else unwrap)
     if corner_uv is not None:

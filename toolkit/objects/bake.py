@@ -27,15 +27,18 @@ def bake_faces(
         (m, 3, 2) float32 texture coordinates, v up; and the picture, (h, w, 3) uint8, sRGB-encoded.
     """
     level = np.ceil(np.log2(np.maximum(sides, 2))).astype(np.int64).clip(1, MOST_LEVEL)
+    # too many texels: every block is halved until they fit
     while level.max() > 1 and int((4**level).sum()) > MOST_TEXELS:
         level = np.maximum(level - 1, 1)
     order = np.argsort(-level, kind="stable")  # the largest first: then a Z-order curve leaves no gaps
     starts = np.empty(len(level), np.int64)
     starts[order] = np.cumsum(4 ** level[order]) - 4 ** level[order]
     depth = int(np.ceil(np.log2(max(int((4**level).sum()), 4)) / 2))
+    # the place on the Z-order curve gives column and row: every second bit (Morton 1966)
     column, row = unfold(starts, depth)
     width, height = 1 << depth, int((row + 2**level).max())
     texture = np.zeros((height, width, 3), np.uint8)
+    # blocks of one size are coloured together, as many at once as memory allows
     for size in np.unique(level):
         side = 1 << int(size)
         chosen = np.flatnonzero(level == size)
@@ -47,6 +50,7 @@ def bake_faces(
             light = colour_at(np.repeat(faces, len(x)), np.tile(weights, (len(faces), 1)))
             places = (row[faces, None] + y).reshape(-1), (column[faces, None] + x).reshape(-1)
             texture[places] = np.round(linear_to_srgb(light) * 255)
+    # corners lie in the middles of texels, so bilinear look-ups never leave the block
     far = 2.0**level - 0.5
     half = np.full_like(far, 0.5)
     corners = np.stack([np.stack([half, half], 1), np.stack([far, half], 1), np.stack([half, far], 1)], axis=1)

@@ -225,6 +225,7 @@ def to_3mf(mesh: Mesh, name: str) -> bytes:
     model = wrapper.CreateModel()
     model.SetUnit(lib3mf.ModelUnit.MilliMeter)
     places, joined, kept = join_places(mesh)
+    # materials that share a picture share its texture group, stored once
     picture_of = [id(material.texture) for material in mesh.materials]
     properties = np.zeros((len(joined), 4), np.uint32)  # the group, and a place of the picture for each corner
     for number, known in enumerate(dict.fromkeys(picture_of), start=1):
@@ -283,6 +284,7 @@ def make_turntable(mesh: Mesh, title: str, words: str) -> str | None:
     dull = tuple(replace(material, metallic=0.0, roughness=max(material.roughness, 0.6)) for material in mesh.materials)
     scene = trimesh.load_scene(BytesIO(to_glb(replace(mesh, materials=dull), title)), file_type="glb")
     page = scene_to_html(scene)
+    # trimesh's page has no hooks: its own script is changed in five places, for light, field of view and turning
     for old, new in (
         ("loader=new THREE.GLTFLoader();", f"{LIGHTS}loader=new THREE.GLTFLoader();"),
         ("camera=gltf.cameras[0];", "camera=gltf.cameras[0];upright=camera.fov;"),

@@ -78,6 +78,7 @@ def make_coarse(surface: Surface, allowed: np.ndarray) -> Coarse:
     places, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
     area = float(surface.area[rows].sum())
     # an equilateral triangle's side, of which FEW would cover the whole
+    # long triangles would lie badly over a curve: edges are bounded
     places, faces = halve_long_edges(places, faces, 2.5 * float(np.sqrt(4 / np.sqrt(3) * area / FEW)), FEW)
     coarse = make_surface(places, faces)
     parent = np.full(len(allowed), -1)
@@ -200,6 +201,7 @@ def find_regions(surface: Surface, value: np.ndarray, free: np.ndarray, limits: 
     """At most `count` regions, each the best of a few that grow where most value is left; see `find_pieces`."""
     free, total = free.copy(), float(value[free].sum())
     rows = np.flatnonzero(free)
+    # charts only give the start: a region grows across their borders
     places = np.zeros((int(surface.faces.max()) + 1, 3))
     places[surface.faces.reshape(-1)] = surface.corners.reshape(-1, 3)
     chart = np.full(len(free), -1)
@@ -208,6 +210,7 @@ def find_regions(surface: Surface, value: np.ndarray, free: np.ndarray, limits: 
     found: list[Region] = []
     with progress("looking for pieces", count) as bar:
         while len(found) < count:
+            # charts with the most value left come first, until a few regions compete or some grew in vain
             left = np.bincount(chart[free], value[free], int(chart.max()) + 1)
             in_vain = 0
             for k in np.argsort(-left, kind="stable"):
@@ -220,6 +223,7 @@ def find_regions(surface: Surface, value: np.ndarray, free: np.ndarray, limits: 
             best = max(grown.values(), key=lambda region: worth_of(region, value), default=None)
             if best is None or worth_of(best, value) < LEAST_GAIN * total:
                 break
+            # a straight border is easier to cut out by hand; it may not cost the piece its fit
             even = finish(surface, even_border(surface, best, free), value, limits)
             best = best if even is None else even
             found.append(best)
@@ -264,9 +268,11 @@ def grow_piece(
     distance = _measure_ways(surface, seed, free, axis)
     place = np.full(len(free), -1)  # of each face in the region
     blocked = ~free
+    # the first triangle lies with an edge along x
     first = np.array([[0, 0], [surface.length[seed, 0], 0], surface.apex[seed, 0]])
     region = Region(np.array([seed]), first[None], np.zeros((1, 3), bool))
     place[seed] = 0
+    # the region grows by rings, each RING times as far out as the last
     radius = 1.5 * float(np.sqrt(surface.area[seed])) + 1e-9
     reach = min(float(distance[np.isfinite(distance)].max()), float(np.hypot(*limits.sheet_mm)))
     radius = max(radius, reach / 500)
@@ -276,6 +282,7 @@ def grow_piece(
         region = _unroll(surface, region, place, blocked, distance, radius)
         if len(region.faces) > before:
             region, dropped = _settle(surface, region, limits.stretch, radius, before)
+            # a face that stretched too much is never tried again
             if len(dropped):
                 is_whole = False
                 blocked[dropped] = True
@@ -292,6 +299,7 @@ def _measure_ways(surface: Surface, seed: int, free: np.ndarray, axis: np.ndarra
     from scipy.sparse.csgraph import dijkstra
 
     rows = np.flatnonzero(free)
+    # an edge is a step of its own length; with an axis, the part along the surface's projection of it counts less
     start, end = surface.faces[rows].reshape(-1), np.roll(surface.faces[rows], -1, axis=1).reshape(-1)
     step = (np.roll(surface.corners[rows], -1, axis=1) - surface.corners[rows]).reshape(-1, 3)
     size = (step**2).sum(axis=1)
@@ -301,6 +309,7 @@ def _measure_ways(surface: Surface, seed: int, free: np.ndarray, axis: np.ndarra
         along = ((step * tangent).sum(axis=1) / np.maximum(np.linalg.norm(tangent, axis=1), 0.3)) ** 2
         size = size - along * (1 - ALONG**-2)
     count = int(surface.faces.max()) + 1
+    # two faces share an edge: the graph needs it once
     _, once = np.unique(np.minimum(start, end) * count + np.maximum(start, end), return_index=True)
     way = np.sqrt(np.maximum(size[once], 1e-18))
     graph = coo_array((way, (start[once].astype(np.int32), end[once].astype(np.int32))), shape=(count, count)).tocsr()
@@ -363,6 +372,7 @@ def _settle(surface: Surface, region: Region, stretch: float, radius: float, bef
     """Join, relax and trim a region to the allowed stretch; return the dropped faces. The first `before` settled."""
     dropped: list[np.ndarray] = []
     for attempt in range(6):
+        # stretch as the 95 % quantile over edges, by area: a few small faces may stretch more
         region = join_edges(surface, region, stretch * radius)
         corners = surface.corners[region.faces]
         change = edge_changes(corners, region.flat)
@@ -370,11 +380,13 @@ def _settle(surface: Surface, region: Region, stretch: float, radius: float, bef
         worst = change.max(axis=1)
         loose = np.repeat(area, 3)
         value = weighted_percentile(change.reshape(-1), loose, 0.95)
+        # relaxing costs most, and a region that hardly stretches can wait
         if value > 0.2 * stretch:
             region = relax_region(surface, region, 6)
             change = edge_changes(corners, region.flat)
             worst = change.max(axis=1)
             value = weighted_percentile(change.reshape(-1), loose, 0.95)
+        # triangles that turned over, and those that lie on others, cannot be printed at all
         bad = (signed_areas(region.flat) <= 0) & (area > FLAT_MM2)
         bad |= _lies_double(surface, region)
         is_new = np.arange(len(area)) >= before
@@ -386,6 +398,7 @@ def _settle(surface: Surface, region: Region, stretch: float, radius: float, bef
                 bad = is_new & (worst > 0.5 * stretch) if attempt < 4 else is_new
         if not bad.any():
             break
+        # the seed stays, whatever it stretches: the region would have no start
         bad[0] = False
         kept = hold_together(surface, region, ~bad)
         dropped.append(region.faces[bad])
@@ -397,6 +410,7 @@ def _settle(surface: Surface, region: Region, stretch: float, radius: float, bef
 def _lies_double(surface: Surface, region: Region) -> np.ndarray:
     """(k,) bool: faces in cells of the plane with an earlier face of another part of the surface."""
     area = signed_areas(region.flat)
+    # two samples a cell; the plane has some 128 × 128 cells
     cell = max(CELL_MM, float(np.sqrt(np.abs(area).sum())) / 128)
     samples = np.clip(np.ceil(2 * np.abs(area) / cell**2), 1, 4096).astype(np.int64)
     face = np.repeat(np.arange(len(area)), samples)
@@ -406,6 +420,7 @@ def _lies_double(surface: Surface, region: Region) -> np.ndarray:
     grid = np.floor(flat / cell).astype(np.int64)
     grid -= grid.min(axis=0)
     key = grid[:, 0] * (int(grid[:, 1].max()) + 1) + grid[:, 1]
+    # in each cell the first face leads; samples that lie far from it in space are of another part
     order = np.lexsort((face, key))  # faces came in the order of their rows
     starts = np.flatnonzero(np.diff(key[order], prepend=-1))
     leader = order[np.repeat(starts, np.diff(starts, append=len(order)))]

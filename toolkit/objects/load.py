@@ -138,6 +138,7 @@ def read_mesh(path: Path) -> Mesh:
     if not path.is_file():
         raise ToolkitError(f"{path}: no such mesh file: put it beside its spec, or correct 'mesh' in the spec")
     try:
+        # a small file may unpack to any size
         with limit_memory(MOST_BYTES):
             return _build_mesh(path)
     except ToolkitError:
@@ -209,6 +210,7 @@ def _move_home(parts: list[MeshPart], source: str) -> list[MeshPart]:
             f"{source}: the mesh is {extent:.3g} long, expected {EXTENTS[0]:g} to {EXTENTS[1]:g} in its file's unit: "
             "scale it where it was made"
         )
+    # float32 keeps 24 bits: far from the origin they are used up by the distance
     if max(np.abs(low).max(), np.abs(high).max()) <= OFF_CENTRE * extent:
         return parts
     return [replace(part, vertices=part.vertices - (low + high) / 2) for part in parts]

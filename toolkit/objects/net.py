@@ -77,6 +77,7 @@ def _grow_net(
     """Grow a net over as many of the remaining faces as fit beside each other on the sheet."""
     faces, flats = [seed], np.empty((int(left.sum()), 3, 2))
     flats[0] = first
+    # faces in the same plane first, then over the longest edges: fewer folds, and longer ones
     queue: list[tuple[float, int, int, int]] = []  # minus the edge's length, the face behind it, row, edge
     done = {seed}
 
@@ -108,6 +109,7 @@ def _grow_net(
 def _turn_over(surface: Surface, flat: np.ndarray, face: int, edge: int) -> np.ndarray:
     """(3, 2) place of the neighbour across an edge of a face at `flat`."""
     other, own = surface.neighbour[face, edge], int(surface.across[face, edge])
+    # the neighbour runs along the shared edge the other way
     start, end = flat[(edge + 1) % 3], flat[edge]
     along = (end - start) / np.linalg.norm(end - start)
     far, up = surface.apex[other, own]
@@ -187,6 +189,7 @@ def _fit_tab(surface: Surface, flat: np.ndarray, at: Edge, taken: np.ndarray) ->
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length
     out = np.array([along[1], -along[0]])
+    # not deeper than the face behind it, which it is glued to
     partner = int(surface.neighbour[at]), int(surface.across[at])
     deepest = min(TAB_MM, 0.4 * length, 0.8 * float(surface.apex[partner][1]))
     for depth in (deepest, 0.7 * deepest, 0.5 * deepest, 0.3 * deepest):

@@ -90,6 +90,7 @@ def _read_text(path: Path) -> tuple[str, dict[str, ObjMaterial]]:
     left_out = [f"{name} (not there)" for name in missing]
     left_out += [name for name, pattern in NOT_READ.items() if pattern.search(text)]
 
+    # libraries were read above, none from outside the folder; the rest is what its reader does not take
     text = re.sub(r"^ *mtllib .*$", "", text, flags=re.MULTILINE)
     if "#" in text:
         text = re.sub(r"^#.*$|^([vf][^#\n]*) #.*$", r"\1", text, flags=re.MULTILINE)
@@ -99,6 +100,7 @@ def _read_text(path: Path) -> tuple[str, dict[str, ObjMaterial]]:
         raise ToolkitError(
             f"{path}: {len(used):,} materials, more than {MOST_OBJ_MATERIALS:,}: join them, or export it as .glb"
         )
+    # names with doubled blanks mean the same material, as other programs read them
     if any("  " in name for name in used):
         text = re.sub(r"^usemtl .*$", lambda line: " ".join(line[0].split()), text, flags=re.MULTILINE)
     used = {" ".join(name.split()) for name in used}
@@ -210,6 +212,7 @@ class _Painter:
             self.left_out.append(f"{material.picture.name} (a part has no texture coordinates)")
         if material is not None:
             self.left_out += material.left_out
+        # colours of vertices count if no picture covers them
         if colours is not None and len(colours) == len(vertices):
             if picture is None:
                 colours = to_rgba(np.asarray(colours))[:, :3]

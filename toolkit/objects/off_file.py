@@ -31,6 +31,7 @@ def read_off(path: Path) -> Iterator[MeshPart]:
         raise ToolkitError(f"{path}: binary OFF is not read: save it as ASCII OFF or PLY (MeshLab)")
     text = re.sub(r"#.*", "", decode_text(content))
     rows = [row for row in map(str.split, text.split("\n")) if row]
+    # letters of the header state what follows a vertex: ST uv, C colour, N normal, 4 and n other dimensions
     letters = HEADER.match(" ".join(rows[0]))
     has_uv = has_normals = False
     if letters is not None:
@@ -38,6 +39,7 @@ def read_off(path: Path) -> Iterator[MeshPart]:
             raise ToolkitError(f"{path}: OFF of other than three dimensions is not read: save it as PLY (MeshLab)")
         has_uv, has_normals = bool(letters[1]), bool(letters[3])
         rows = [row for row in (rows[0][1:], *rows[1:]) if row]
+    # counts are checked before arrays are made: a small file may announce billions
     vertex_count, face_count = int(rows[0][0]), int(rows[0][1])
     check_faces(path, face_count)
     points, polygons = rows[1 : 1 + vertex_count], rows[1 + vertex_count : 1 + vertex_count + face_count]
@@ -54,6 +56,7 @@ def read_off(path: Path) -> Iterator[MeshPart]:
     triangles = triangulate(vertices, corner_vertex, counts)
     if not len(triangles):
         return
+    # colours stand behind position and normal, and behind a face's corners; a lone number there is an index of a table
     first = 3 + 3 * has_normals
     of_vertices = _read_colours([row[first : len(row) - 2 * has_uv] for row in points])
     of_faces = _read_colours([row[1 + count :] for row, count in zip(polygons, counts, strict=True)])

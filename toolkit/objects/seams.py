@@ -18,6 +18,7 @@ SAME_MM = 1e-6
 
 def find_seams(surface: Surface, pieces: Sequence[FlatPiece]) -> list[list[SeamRecord]]:
     """Find the seams of each piece, each with a letter for both of its sides."""
+    # the border of each piece as closed loops of edges
     owner, flat = spread_pieces(surface, pieces)
     joined = find_joined(surface, owner, flat)
     loops = [_walk_round(surface, piece.faces, joined) for piece in pieces]
@@ -31,6 +32,7 @@ def find_seams(surface: Surface, pieces: Sequence[FlatPiece]) -> list[list[SeamR
                 for edge in part:
                     run[edge] = count
                 count += 1
+    # letters in the order of the walk; a seam's other side meets the same key and gets the same letter
     letters: dict[tuple[int, int], str] = {}
     seams: list[list[SeamRecord]] = []
     for around in loops:

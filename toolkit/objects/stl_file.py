@@ -30,6 +30,7 @@ def read_stl(path: Path) -> Iterator[MeshPart]:
     if _is_text(content):
         yield from _read_text(content)
         return
+    # binary: a header of 80 bytes, the number of triangles, and 50 bytes for each
     held = (len(content) - HEADER_BYTES - 4) // FACET.itemsize
     if held < 0:
         raise ValueError("shorter than its header")

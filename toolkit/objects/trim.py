@@ -47,6 +47,7 @@ def finish(surface: Surface, region: Region, value: np.ndarray, limits: Limits) 
     steps = 40
     while len(region.faces) > 0:
         region = relax_region(surface, region, steps) if len(region.faces) > 1 else region
+        # faces to lose: turned over, and the most stretched 5 % if the whole stretches too much
         change = edge_changes(surface.corners[region.faces], region.flat)
         area, worst = surface.area[region.faces], change.max(axis=1)
         bad = (signed_areas(region.flat) <= 0) & (area > FLAT_MM2)
@@ -61,6 +62,7 @@ def finish(surface: Surface, region: Region, value: np.ndarray, limits: Limits) 
         if bad.all():
             return None
         region = join_edges(surface, take(surface, region, largest_part(surface, region, ~bad)), 0.0)
+        # the rest lay well before: few steps even out the cut
         steps = 6
     return None
 
@@ -100,10 +102,12 @@ def _fill_notches(surface: Surface, region: Region, free: np.ndarray) -> Region:
     """Add the free faces that two joined neighbours hold by all three corners."""
     place = np.full(len(surface.faces), -1)
     place[region.faces] = np.arange(len(region.faces))
+    # free faces with two or more smooth neighbours in the region
     face, count = np.unique(surface.neighbour[region.faces][_is_smooth(surface, region.faces)], return_counts=True)
     face = face[(count >= 2) & free[face] & (place[face] < 0)]
     rows = np.where(surface.neighbour[face] >= 0, place[surface.neighbour[face]], -1)
     flat, gap = np.full((len(face), 3, 2), np.nan), np.zeros(len(face))
+    # each neighbour gives the place of two corners; the largest disagreement is the gap
     for edge in range(3):
         own = surface.across[face, edge]
         for corner, theirs in ((edge, (own + 1) % 3), ((edge + 1) % 3, own)):
@@ -111,6 +115,7 @@ def _fill_notches(surface: Surface, region: Region, free: np.ndarray) -> Region:
             apart = np.linalg.norm(there - flat[:, corner], axis=1)
             gap = np.fmax(gap, apart)
             flat[:, corner] = np.where(np.isnan(flat[:, corner]), there, flat[:, corner])
+    # neighbours must agree, and the face keep its side
     fits = (gap < SAME_MM) & (signed_areas(flat) > FLAT_MM2)
     face, flat = face[fits], flat[fits]
     if not len(face):
@@ -172,6 +177,7 @@ def _off_sheet(flat: np.ndarray, value: np.ndarray, sheet_mm: tuple[float, float
         sums = sums.cumsum(axis=0).cumsum(axis=1)[:-1, :-1]
         if sums.max() <= most:
             continue
+        # the corner with most value; faces that are not wholly on that sheet go
         column, row = np.unravel_index(sums.argmax(), sums.shape)
         start = np.array([corners[0][column], corners[1][row]])
         inside = ((low >= start - 1e-9) & (high <= start + sheet_mm + 1e-6)).all(axis=1)

@@ -34,6 +34,7 @@ def find_winding(flat: np.ndarray, height: np.ndarray, area: np.ndarray, piece: 
         (count,) bool per piece.
     """
     count = int(piece.max()) + 1
+    # cells of a grid over each piece, with about two samples in each; small pieces are not worth a look
     size = np.bincount(piece, area, count)
     cell = np.sqrt(np.maximum(size, 1e-300)) / FINE
     samples = np.clip(np.ceil(2 * area / cell[piece] ** 2), 1, 4096).astype(np.int64)
@@ -49,6 +50,7 @@ def find_winding(flat: np.ndarray, height: np.ndarray, area: np.ndarray, piece: 
     low, width = grid.min(axis=0), np.ptp(grid, axis=0) + 1
     if float(count) * float(width[0]) * float(width[1]) > 2**62:  # pieces of wildly different sizes: leave them whole
         return np.zeros(count, bool)
+    # one number for piece, column and row
     key = (of * width[0] + grid[:, 0] - low[0]) * width[1] + grid[:, 1] - low[1]
     # sorted by cell, then height: consecutive samples of a cell that are far apart are two surfaces
     order = np.lexsort((level, key))
@@ -298,6 +300,7 @@ def _pack(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n: int) 
     """Pack in this process: bisection finds the largest scale that fits, as a share of that of equal areas."""
     ideal = n / np.sqrt(max(flat_areas(points[triangles]).sum(), 1e-30))
     best, best_scale = None, 0.0
+    # a margin between charts if it costs little scale; without it colours of neighbours may bleed
     for padding in range(PADDING_PX, -1, -1):
         low, high = best_scale, 1.0
         # seven halvings: the scale to 1 % of the ideal
@@ -311,6 +314,7 @@ def _pack(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n: int) 
         best_scale = low
         if best_scale >= FAIR_SCALE:
             break
+    # not even without margins: larger than the texture, and scaled down to it
     if best is None:
         placed, size = _try_pack(points * ideal, triangles, chart, 0)
         best = placed * (n / size)

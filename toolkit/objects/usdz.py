@@ -99,6 +99,7 @@ def _add_look(usd: Any, stage: Any, place: Any, picture: str, material: Any) -> 
             made.CreateInput(key, type_name).Set(value)
         return made
 
+    # the graph of USD's preview surface: coordinates -> picture -> colour
     look = usd.UsdShade.Material.Define(stage, place)
     reader = shader("coordinates", "UsdPrimvarReader_float2", varname=(kinds.String, "st"))
     texture = shader(

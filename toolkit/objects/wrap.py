@@ -369,6 +369,7 @@ def lay_out(sizes_mm: Sequence[Point], texel_mm: float) -> tuple[int, list[tuple
     import rectpack
 
     boxes = [texel_box(size, texel_mm) for size in sizes_mm]
+    # no square can be smaller than the widest piece, or than all areas together
     side = max(8, *(max(box) for box in boxes), int(np.sqrt(sum(wide * high for wide, high in boxes))))
     bleed = bleed_texels(texel_mm)
     while side <= MOST_TEXELS:
@@ -380,6 +381,7 @@ def lay_out(sizes_mm: Sequence[Point], texel_mm: float) -> tuple[int, list[tuple
         placed = {number: (int(x) + bleed, int(y) + bleed) for _, x, y, _, _, number in packer.rect_list()}
         if len(placed) == len(boxes):
             return side, [placed[number] for number in range(len(boxes))]
+        # 2 % more each time: the smallest canvas to 2 %
         side += max(1, side // 50)
     raise FieldError(
         f"pieces of {texel_mm:g} mm a texel need a canvas of more than {MOST_TEXELS} texels: "
@@ -445,6 +447,7 @@ def read_wrap(folder: Path, *, with_pixels: bool = True, whole_plan: bool = Fals
         record = record.model_copy(update={"pieces": record.plan, "plan": []})
     file = inside(folder, MAP_FILE)
     content = read_recorded(file, record.map_sha256, "map of pieces")
+    # the map first: it assigns faces to pieces, and the record's measures must follow from it
     faces, flat_mm, piece = unpack_arrays(content, file, ["faces", "flat_mm", "piece"], "map of pieces")
     _check_map(file, record, faces, flat_mm=flat_mm, piece=piece)
     pieces = []
@@ -459,6 +462,7 @@ def read_wrap(folder: Path, *, with_pixels: bool = True, whole_plan: bool = Fals
             )
     if not with_pixels or whole_plan:
         return Wrap(record, tuple(pieces))
+    # each piece's picture by its hash and size, then joined to the canvas
     pictures = []
     for at in record.pieces:
         png = inside(folder, piece_name(at.number))

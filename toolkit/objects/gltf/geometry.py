@@ -54,6 +54,7 @@ def read_primitive(document: Document, placed: PlacedMesh, primitive: dict[str, 
         raise DamagedGltf("attributes of a mesh have different lengths")
     if extension(primitive, DRACO) is not None:
         mode = TRIANGLES  # whatever they were before
+    # positions are decoded and morphed in the mesh's frame; bones or nodes place them in the scene
     faces = _triangles(np.arange(count) if index is None else index.astype(np.int64), mode)
     vertices, is_mirrored = _place(position.astype(np.float64), placed, attributes)
     if faces.size and (faces.min() < 0 or faces.max() >= count):

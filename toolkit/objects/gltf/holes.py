@@ -38,6 +38,7 @@ def cut_holes(
     alpha = alpha.astype(np.float64)
     # sums over rectangles from the corner of a picture that repeats twice along each axis
     counts = np.pad(np.tile(alpha >= cutoff, (2, 2)).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    # whole turns of a repeating picture are taken off, so that a face begins in its first copy
     texels = corner_uv.astype(np.float64) * alpha.shape[::-1] - 0.5
     texels -= np.floor(texels.min(axis=1, keepdims=True) / alpha.shape[::-1]) * alpha.shape[::-1]
     owner, weights = np.arange(len(texels)), np.tile(np.eye(3), (len(texels), 1, 1))
@@ -53,6 +54,7 @@ def cut_holes(
         kept.append((owner[whole], weights[whole]))
         done += len(kept[-1][0])
         owner, weights, corners, clear = owner[mixed], weights[mixed], corners[mixed], clear[mixed]
+        # small enough for a straight cut, or out of levels or pieces
         small = np.ptp(corners, axis=1).max(axis=1) <= 0.5
         if level == MOST_LEVELS or done + 4 * len(owner) > MOST_PIECES:
             small[:] = True

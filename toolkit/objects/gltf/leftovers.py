@@ -88,6 +88,7 @@ def _find_in_material(material: dict[str, Any]) -> Iterator[str]:
     mode = material.get("alphaMode", "OPAQUE")
     if mode not in ("OPAQUE", "MASK"):
         yield f"alphaMode {mode} of '{name}' is left out: it is drawn opaque"
+    # fields of each way to shade, and of the textures in their slots
     for kind, known in PBR.items():
         slots = extension(material, kind) if kind == SPECULAR else material.get(kind)
         if not isinstance(slots, dict):

@@ -108,6 +108,7 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
     uv = "" if look.picture is None else texture_coordinates(look.picture, primitive.uv)
     factor = np.ones(4) if look.colour is None else look.colour
     corner_alpha = np.ones(faces.shape) if primitive.alpha is None else primitive.alpha[faces].astype(np.float64)
+    # no picture, or none that can be laid out: a single colour, or colours of corners
     if look.picture is None or isinstance(uv, str):
         if uv:
             document.notes.append(f"the picture of '{look.name}' is left out: {uv}")
@@ -136,9 +137,11 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
             vertices, faces, corner_uv, colours = _cut(vertices, faces, corner_uv, colours, owner, weights)
     if colours is not None and len(colours) and (colours == colours[:1, :1]).all():
         factor, colours = factor * [*colours[0, 0], 1], None  # the same colour everywhere is a factor
+    # a picture that does not repeat, or is tinted corner by corner, is baked into a block of texels for each face
     if laid is None or colours is not None:
         corner_uv, texture = _bake(picture, corner_uv, colours, factor)
         return MeshPart(vertices, faces, (corner_uv, Material(COLOURS, texture, *gloss)))
+    # glTF counts v downwards, a mesh here upwards
     flipped = corner_uv.copy()
     flipped[..., 1] = 1 - flipped[..., 1]
     material = Material(look.name, pictures.tint(picture.pixels, factor[:3]), *gloss)
@@ -209,6 +212,7 @@ def _measure_gloss(pictures: Pictures, look: Look, primitive: Primitive) -> tupl
             x, y = (place % 1 * picture.size).astype(np.int64).clip(0, picture.size - 1).T
             total += area @ texels[y, x].astype(np.float64)
         mean = total / area.sum() / 4 / 255
+    # roughness is 1 - glossiness, which is in alpha; the metal-roughness picture has it in green, metalness in blue
     if look.is_specular:
         glossiness = mean[3] if len(mean) == 4 else 1.0
         return float(1 - (1 - look.roughness) * glossiness), 0.0

@@ -45,6 +45,7 @@ def _decode_vertices(content: bytes, count: int, stride: int) -> np.ndarray:
     version = content[0] & 15
     if content[0] & 0xF0 != 0xA0 or version > 1:
         raise ValueError("no vertex data")
+    # behind the data stand the first vertex, to which deltas add up, and in version 1 a channel for each four bytes
     tail = stride + (stride // 4 if version else 0)
     end = len(content) - max(tail, 24 if version else 32)
     last = np.frombuffer(content[len(content) - tail :][:stride], np.uint8)
@@ -52,6 +53,7 @@ def _decode_vertices(content: bytes, count: int, stride: int) -> np.ndarray:
     size = min(BLOCK_BYTES // stride & ~(GROUP - 1), BLOCK_VERTICES)
     out = np.empty((count, stride), np.uint8)
     at = 1
+    # blocks of vertices; in each, byte 0 of all its vertices, then byte 1, and so on: equal bytes compress well
     for first in range(0, count, size):
         block = out[first : first + size]
         controls = content[at : at + stride // 4] if version else bytes(stride // 4)
@@ -66,6 +68,7 @@ def _decode_vertices(content: bytes, count: int, stride: int) -> np.ndarray:
             else:
                 deltas, at = _decode_bytes(content, at, len(block), WIDTHS[version][control : control + 4])
                 block[:, k] = deltas
+        # the channel states which deltas four bytes make
         for k in range(0, stride, 4):
             _sum_deltas(block[:, k : k + 4], last[k : k + 4], channels[k // 4])
         last = block[-1].copy()
@@ -80,6 +83,7 @@ def _decode_bytes(content: bytes, at: int, count: int, widths: tuple[int, ...]) 
     header = at
     at += -(-groups // 4)
     out = bytearray(groups * GROUP)
+    # two bits of the header give the bits a delta of each group of 16
     for group in range(groups):
         bits = widths[content[header + group // 4] >> (group % 4 * 2) & 3]
         if bits == 0:
@@ -169,6 +173,7 @@ class _Triangles:
         """Add a recent edge and a vertex; `most` is the first kind of vertex that is coded by its number."""
         a, b = self._edges[self._edge - 1 - (code >> 4) & 15]
         kind = code & 15
+        # a recent vertex, the next new vertex, an index in full, or one near the last index
         if 0 < kind < most:
             self._push(a, b, self._vertices[self._vertex - 1 - kind & 15], ((2, 1), (0, 2)))
             return
@@ -228,6 +233,7 @@ def _decode_triangles(content: bytes, count: int) -> list[int]:
         raise ValueError("no triangles")
     table = content[len(content) - 16 :]
     triangles = _Triangles(content, 1 + count // 3)
+    # a code for each triangle: on a recent edge, with corners by the table of usual codes, or with corners in full
     for code in content[1 : 1 + count // 3]:
         if code < 0xF0:
             triangles.add_on_edge(code, 13 if version else 15)
@@ -251,10 +257,13 @@ def _apply_filter(rows: np.ndarray, name: str) -> np.ndarray:
         return rows
     stride = rows.shape[1]
     if name == "EXPONENTIAL":
+        # 24 bits of mantissa and 8 of exponent, both signed
         words = rows.view("<i4")
         return np.ldexp((words << 8 >> 8).astype(np.float32), words >> 24).astype("<f4").view(np.uint8)
     if name == "QUATERNION" and stride == 8:
         values = rows.view("<i2").astype(np.int32)
+        # the three smallest components, 1/√2 at most, whose number of the largest is in two bits; |q| = 1 gives the
+        # fourth
         x, y, z = (values[:, :3] / (np.sqrt(2.0) * (values[:, 3:] | 3))).T
         w = np.sqrt(np.maximum(1 - x * x - y * y - z * z, 0))
         out = np.empty_like(values)
@@ -264,6 +273,7 @@ def _apply_filter(rows: np.ndarray, name: str) -> np.ndarray:
     if name == "OCTAHEDRAL" and stride in (4, 8):
         dtype, most = ("<i1", 127) if stride == 4 else ("<i2", 32767)
         values = rows.view(dtype).astype(np.float32)
+        # octahedral normals (Meyer et al. 2010): the lower half of the octahedron is folded over the upper
         x, y = values[:, 0], values[:, 1]
         z = values[:, 2] - np.abs(x) - np.abs(y)
         fold = np.minimum(z, 0)
@@ -281,10 +291,12 @@ def _decode_colours(rows: np.ndarray, stride: int) -> np.ndarray:
     unsigned, signed = (("<u1", "<i1"), ("<u2", "<i2"))[stride == 8]
     light, alpha = (rows.view(unsigned)[:, k].astype(np.int32) for k in (0, 3))
     orange, green = (rows.view(signed)[:, k].astype(np.int32) for k in (1, 2))
+    # all bits below the highest are set: the largest value of that number of bits
     full = alpha.copy()
     for shift in (1, 2, 4, 8):
         full |= full >> shift
     alpha = alpha << 1 & full | alpha & 1
+    # YCoCg: red Y + Co - Cg, green Y + Cg, blue Y - Co - Cg
     colours = np.stack([light + orange - green, light + green, light - orange - green, alpha], axis=1)
     most = np.iinfo(unsigned).max
     return np.floor(colours * (most / np.maximum(full, 1))[:, None] + 0.5).clip(0, most).astype(unsigned).view(np.uint8)

@@ -43,6 +43,7 @@ def place_meshes(document: Document) -> Iterator[PlacedMesh]:
 def _place_nodes(document: Document) -> dict[int, np.ndarray]:
     """Number of each node of the scene -> (4, 4) transform to the scene."""
     nodes, scenes = document.rows("nodes"), document.rows("scenes")
+    # a file without scenes shows all nodes that no other holds
     if scenes:
         roots = document.row("scenes", document.tree.get("scene", 0)).get("nodes", [])
     else:

@@ -148,6 +148,7 @@ def lay_out(picture: GltfPicture, uv: np.ndarray) -> tuple[GltfPicture, np.ndarr
         low, high = (float(bound) * size for bound in (uv[..., axis].min(), uv[..., axis].max()))
         if wrap not in (CLAMP, MIRROR) or (low >= 0.5 and high <= size - 0.5):
             continue
+        # the texels that look-ups reach, written out: a mirrored picture is then twice as long and repeats
         first, behind = (0, 2 * size) if wrap == MIRROR else (int(np.floor(low - 0.5)), int(np.ceil(high + 0.5)) + 1)
         if not size or behind - first > min((MOST_TILES + 1) * size + 4, MAX_TEXTURE_PX):
             return None
@@ -173,6 +174,7 @@ def look_up(picture: GltfPicture, uv: np.ndarray) -> np.ndarray:
     x, y = (uv * [width, height] - 0.5).T
     left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     found = np.zeros((len(uv), 3), np.float32)
+    # four neighbours, each by its distance; how they wrap is the sampler's
     for column, right in ((left, x - left), (left + 1, left + 1 - x)):
         for row, down in ((top, y - top), (top + 1, top + 1 - y)):
             weight = (1 - np.abs(right)) * (1 - np.abs(down))
