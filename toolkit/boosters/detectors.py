@@ -201,6 +201,7 @@ def _load_each(
     if any(map(may_be_detector, named)):
         from toolkit.models.load_detector import is_detector, load_detector
 
+        # a name may mean either kind: the file decides
         kinds = [is_detector(name) for name in named]
         if any(kinds):
             pairs = zip(named, (file for _, file in pair_weights(named, weights, folder)), kinds, strict=True)
@@ -239,6 +240,7 @@ def judge_detectors(
         assert isinstance(network, DetectorNetwork)
         hits = target.find_hits(photos.detach())
         losses = _find_losses(network, photos, places, target)
+        # without the class, only a loss beyond that of the unmodified object counts
         if network.any_class:
             assert before is not None
             with torch.no_grad():

@@ -162,6 +162,7 @@ class ViewBatch:
         for view, (top, left) in zip(which.tolist(), corners.tolist(), strict=True):
             still.append(self.still[view, top : top + side, left : left + side])
             span = slice(starts[view], starts[view + 1])
+            # pixels by their number in the picture; those outside the square have no place in it
             row, column = self.pixel[span] // width - top, self.pixel[span] % width - left
             inside = ((row >= 0) & (row < side) & (column >= 0) & (column < side)).nonzero()[:, 0]
             pixels.append((row * side + column)[inside])
@@ -198,6 +199,7 @@ def batch_views(
         ]
     )  # fmt: skip
 
+    # views differ in their number of pixels: the rows of all follow each other, `counts` has the number of each
     def gather(name: str, kind: type) -> torch.Tensor:
         rows: np.ndarray = np.concatenate([getattr(view, name) for view in views]).astype(kind)
         return torch.from_numpy(rows).to(device)

@@ -184,6 +184,7 @@ def train_patch(
     if is_detector_target(targets[0]):
         config = config.model_copy(update={"mounted_share": 1.0})
     check_size(config.size_px, first.preprocessing.crop_px)
+    # files and data: names from the label, images of the class from the sources
     name = name_files(name, targets[0].label, index)
     files = choose_files(workspace, out, name)
     class_names = names_of_class(first, index, str(class_name))
@@ -194,6 +195,7 @@ def train_patch(
     config = config.count_steps(len(data.train))
     seen_world = None
     has_detectors = any(map(is_detector_target, targets))
+    # views with the patch in place, as given or rendered now; some settings need the object itself
     if views is not None:
         of_object = (config.weather, config.world, config.lost_weight > 1, config.margin != "white")
         if has_detectors or any(of_object):
@@ -330,6 +332,8 @@ class PatchTask(BoosterTask[TrainedPatch]):
         batch = draw_batch(self._images, draws.of("images"), config.batch - count, self.image_px)
         views = self._views if count else None
         drawn = None if views is None else draw_mounted(views, draws, count, self.image_px, config.weather)
+        # the same photographs without the booster: grey paper for mixed features, the unmodified object for lost
+        # answers
         clean, unmodified = None, None
         with torch.no_grad():
             if config.feature_mixup is not None:

@@ -286,6 +286,7 @@ class SurfaceTask(BoosterTask[Trained]):
 
     def finish(self, history: History) -> Trained:
         """Validate the rounded pixels, and write them."""
+        # what is judged is what is written: 8-bit codes
         config, inputs, pixels = self.config, self.inputs, self.reduce(quantise(self._dilate(self.pixels)))
         with progress("Validating", 1) as bar:
             validations = validate_texture(

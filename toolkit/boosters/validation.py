@@ -179,6 +179,7 @@ def validate_texture(
             shown = list(_show_both(texture, some, draws, corrupted))
             if weather is not None:
                 shown.append(("weather", _show_in_weather(texture, some, draws, weather, metres_per_unit)))
+            # hits without and with the texture, by condition
             for where, pair in shown:
                 counts = [[target.count_hits(photos) for target in targets] for photos in pair]
                 hits[where] = hits.get(where, 0) + np.array(counts)

@@ -195,6 +195,7 @@ def rank_pieces(
         views: of the object with all pieces stuck on.
         targets: the networks.
     """
+    # views are batched once, and kept on the device: only the canvas changes
     batches = [
         batch_views([view.view for view in views[start : start + BATCH]], targets[0].classifier.device)
         for start in range(0, len(views), BATCH)

@@ -232,11 +232,13 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
     Raises:
         ToolkitError: the name is unknown, or a classifier with its own weights was given others.
     """
+    # the record beside the weights may name the network
     if model is None:
         arch = None if weights is None else read_labels_file(check_named(Path(weights))).arch
         return Found((arch or DEFAULT_ARCH).removeprefix(TORCHVISION_PREFIX), weights)
     if model.startswith(TIMM_PREFIX):
         return Found(model, weights)
+    # names with weights of their own: programs, the hub, the workspace's classifiers
     own, file = list_own(folder), None if model.startswith(HF_PREFIX) else _find_file(model)
     if weights is not None and brings_weights(model, folder):
         raise FieldError(f"{model} has its own weights: leave one out", {"model": model, "weights": weights})
@@ -247,6 +249,7 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
         if model.startswith(ONNX_PREFIX) or file.suffix == ".onnx":
             return Found(f"{ONNX_PREFIX}{file.name}", file)
         return Found(file.name if file.suffix == EXPORTED_SUFFIX else _arch_of(check_named(file)), file)
+    # not found: what the name could have meant
     if model == BUNDLED:
         raise FieldError(
             f"{BUNDLED_DIR / BUNDLED}{SUFFIX} is missing from this installation: install the package again, or train "

@@ -60,6 +60,7 @@ class ImageFeatures(nn.Module):
         parts = list(answers) if isinstance(answers, tuple | list) else [answers]
         if not parts or not all(isinstance(part, torch.Tensor) for part in parts):
             raise FieldError(f"gives {describe_answers(answers)}: expected features", {"model": self.arch})
+        # (b, d, h, w) is averaged over places, (b, d) is taken as it is, (b, tokens, d) as `tokens` says
         found = parts[choose_output([part.ndim for part in parts])]
         if found.ndim == 4:
             return found.mean((2, 3))
@@ -156,6 +157,7 @@ def _join_onnx(network: "OnnxNetwork", tokens: Tokens | None, head: Head) -> byt
     model = onnx.ModelProto()
     model.CopyFrom(network.graph.model)
     side = next(entry for entry in model.graph.input if entry.name == network.graph.input_name)
+    # the output with features, by a run on a sample: its number of axes decides how it is reduced
     px = side.type.tensor_type.shape.dim[2].dim_value
     with torch.no_grad():
         answers = network(torch.from_numpy(draw_sample(px)))
@@ -165,6 +167,7 @@ def _join_onnx(network: "OnnxNetwork", tokens: Tokens | None, head: Head) -> byt
     for name, value in stored.items():
         model.graph.initializer.append(onnx.numpy_helper.from_array(value.numpy(), name))
     model.graph.node.extend(nodes)
+    # the head's logits become the only output, for the same batch
     del model.graph.output[:]
     batch = side.type.tensor_type.shape.dim[0]
     shape = [batch.dim_value or batch.dim_param or "batch", len(head.bias)]
@@ -193,6 +196,7 @@ def _list_nodes(
         nodes.append(make(kind, [last, *more], [made], **settings))
         last = made
 
+    # features of an image: the class token, the mean over tokens or places, or the output as it is
     if axes == 3 and tokens == "first":
         stored["head_first"] = torch.tensor(0)
         add("Gather", "head_first", axis=1)

@@ -114,6 +114,7 @@ def _find_folder(model: str) -> tuple[Path, str]:
         kept = Path(snapshot_download(name, revision=revision, local_files_only=True))
         if list(kept.glob("*.safetensors")):
             return kept, f"{name}@{kept.name}"
+    # by its commit, which records then name
     why = "name a folder with it as hf:FOLDER; it cannot be fetched from the Hugging Face hub"
     with foreign_code(blame_model(model, why, 160)):
         commit = find_commit(name, "config.json", revision)
@@ -158,6 +159,7 @@ def _read_preprocessing(library: ModuleType, folder: Path, model: str) -> Prepro
                 folder, local_files_only=True, trust_remote_code=False
             )
         how = _translate(processor.to_dict())
+        # random colours, enlarged smoothly: resampling, crop and normalisation all show in them
         draws = np.random.default_rng(0).integers(0, 256, (6, 8, 3), np.uint8)
         picture = Image.fromarray(draws).resize((2 * how.resize_px, 3 * how.resize_px // 2), Image.Resampling.BICUBIC)
         theirs = processor(images=picture, return_tensors="pt")["pixel_values"][0].numpy()
@@ -175,6 +177,7 @@ def _read_preprocessing(library: ModuleType, folder: Path, model: str) -> Prepro
 def _translate(said: Mapping[str, Any]) -> Preprocessing:
     """Translate a processor's settings; the caller compares the results."""
     size, cut = _read_side(said.get("size")), _read_side(said.get("crop_size"))
+    # a short edge keeps the aspect; height and width squash
     short, whole = size.get("shortest_edge"), size.get("height")
     resize_px = px = int(short or whole or cut.get("height") or 0)
     squash = short is None
@@ -184,6 +187,7 @@ def _translate(said: Mapping[str, Any]) -> Preprocessing:
         # ConvNeXt's: from 384 px on it sees the whole image
         squash = px >= 384
         resize_px = px if squash else int(px / said["crop_pct"])
+    # mean and deviation are of values after rescaling, ours are of 0 to 1
     factor = 255 * (said.get("rescale_factor") or 1 / 255) if said.get("do_rescale", True) else 255.0
     is_normalised = said.get("do_normalize", True)
     mean, std = said.get("image_mean") if is_normalised else None, said.get("image_std") if is_normalised else None

@@ -320,6 +320,7 @@ def _find_family(answers: object, own: LabelsFile, size: int, arch: str) -> tupl
             + ("; it looks like a classifier" if [len(shape) for shape in shapes] == [2] else ""),
             {"model": arch},
         )
+    # DETR's boxes are shares: pixels would pass the shape check, and be wrong
     if family == "detr":
         boxes = next(image for image in several if image.shape[-1] == 4)
         if boxes.numel() and float(boxes.abs().max()) > MOST_SHARE:

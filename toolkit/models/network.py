@@ -239,6 +239,7 @@ def fold_normalisation(network: Classifier) -> Classifier:
         wanted = folded.logits(image)
         for hook in hooks:
             hook.remove()
+        # a layer that runs twice may serve other layers too
         for layer, norm in pairs:
             if asked[layer] > 1 or asked[norm] > 1 or norm.running_mean is None or norm.training:
                 continue

@@ -234,6 +234,7 @@ def free_batch(graph: OnnxGraph) -> "ModelProto":
     set_input(model, graph.input_name, 2 * (graph.batch or 1))
     for entry in model.graph.output:
         entry.type.tensor_type.ClearField("shape")
+    # each round frees the first node that does not fit; shapes behind it may then fit by themselves
     for _ in model.graph.node[:MOST_MISFITS]:
         misfit = next(_find_misfits(model, before, infer_shapes(model)), None)
         if misfit is None:
@@ -383,6 +384,7 @@ def try_graph(graph: OnnxGraph, size: int, threads: int) -> bool:
     if graph.batch not in (None, 1):
         raise ToolkitError(f"{path}: takes exactly {graph.batch} images at once: export it with a free batch, or for 1")
     room = TRYING_BYTES + 6 * graph.model.ByteSize()
+    # in a child: a graph can end the process, or take all memory
     code = f"from toolkit.models.onnx_graphs import _try; print(_try({str(path)!a}, {size}, {threads}, {room}))"
     done = run_python(code, most_s=TRYING_S * threads)
     told = done.stdout.decode("utf-8", "replace").splitlines()

@@ -56,6 +56,7 @@ def open_towers(model: str) -> Towers:
         network = library.create_model(name, weights or None, require_pretrained=True, weights_only=True)
         tokenizer = library.get_tokenizer(name)
     network = network.float().eval().requires_grad_(False)
+    # the hash of the tensors stands for that of a file
     sha256 = hash_tensors(network.state_dict()) or ""
 
     def embed(texts: Sequence[str]) -> np.ndarray:
@@ -63,11 +64,13 @@ def open_towers(model: str) -> Towers:
             parts = [network.encode_text(tokenizer(list(texts[k : k + BATCH]))) for k in range(0, len(texts), BATCH)]
         return torch.cat(parts).float().numpy()
 
+    # SigLIP has a bias, CLIP has none
     bias = getattr(network, "logit_bias", None)
     text = TextTower(
         rest, sha256_bytes(f"{sha256} {rest}".encode()), embed, scale=float(network.logit_scale.exp()),
         bias=0.0 if bias is None else float(bias),
     )  # fmt: skip
+    # the crop as open_clip's own transforms make it
     wanted: Any = network.visual.preprocess_cfg
     sides = wanted["size"] if isinstance(wanted["size"], tuple | list) else (wanted["size"],)
     how = square_preprocessing(model, sides, wanted["resize_mode"], sides[0], wanted)

@@ -169,6 +169,7 @@ def _rebuild(path: Path) -> BytesIO:
         _check_payload(path, _load(path, config), {name: len(content[name]) for name in content}, f"data/{kind}/")
     program = _load(path, content["models/model.json"])
     nodes = content["models/model.json"].count(b'"target"')
+    # bombs are refused before torch builds the graph
     if nodes > MOST_NODES or content["models/model.json"].count(b'"expr_str"') > 4 * MOST_NODES:
         raise ToolkitError(f"{path}: has {nodes} operations: up to {MOST_NODES} are read: export it without loops")
     # guards are Python source that torch would compile
@@ -215,6 +216,7 @@ def _check_payload(path: Path, payload: dict[str, Any], sizes: dict[str, int], f
         offset, kind = int(meta["storage_offset"]["as_int"]), int(meta["dtype"])
         if kind not in ELEMENT_BYTES:
             raise _refuse(path, f"'{name[:80]}' in numbers of an unusual kind")
+        # the last element of a strided tensor: Σ (side - 1) · stride
         reach = sum((side - 1) * stride for side, stride in zip(sides, strides, strict=True))
         needed = 0 if 0 in sides else (offset + reach + 1) * ELEMENT_BYTES[kind]
         if sizes.get(folder + file, 0) < needed or min([offset, *sides, *strides]) < 0:

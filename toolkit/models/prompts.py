@@ -66,6 +66,7 @@ def make_prompts(names: list[str], file: Path | None, dataset: str | None = None
         templates = load_json(file) if file.suffix == ".json" else read_lines(file)
         if isinstance(templates, Mapping) and not set(names) <= set(templates):
             templates = _pick(file, templates, dataset)
+    # prompts by class, or the same templates for all
     if isinstance(templates, Mapping):
         missing = [name for name in names if not templates.get(name)]
         if missing:

@@ -60,6 +60,7 @@ def train_head(
     if restart:
         delete_folder(kept)
     with hold_folder(folder, f".{config.name}.lock"):
+        # the head's inputs: method, settings, encoder and images by their hashes
         data = load_training_set(sources, classes, how, kept, workers)
         describe_data(data, sources)
         settings = {"method": METHODS[config.kind], **config.record(), **name_encoder(encoder)}
@@ -70,6 +71,7 @@ def train_head(
             _compute_features(encoder, pack, kept / f"features-{inputs[:16]}", name)
             for name, pack in (("train", data.train), ("held-out", data.held_out))
         )
+        # the head is trained on features alone: the encoder runs once for each image
         truth = torch.from_numpy(np.array(data.train.classes))
         head = fit_linear(features, truth, config.l2) if config.kind == "linear" else fit_means(features, truth)
         answers = head(held_out).argmax(1).numpy()
@@ -108,9 +110,11 @@ def fit_linear(features: torch.Tensor, truth: torch.Tensor, l2: float) -> Head:
     values, classes = features.double(), int(truth.max()) + 1
     mean, std = values.mean(0), values.std(0, correction=0)
     std = torch.where(std > LEAST_LENGTH, std, torch.ones_like(std))
+    # scaled features: one weight decay then means the same for all of them
     scaled = (values - mean) / std
     weight = torch.zeros(classes, values.shape[1], dtype=torch.float64, requires_grad=True)
     bias = torch.zeros(classes, dtype=torch.float64, requires_grad=True)
+    # convex: L-BFGS with a line search finds the optimum, wherever it starts
     solver = torch.optim.LBFGS([weight, bias], max_iter=STEPS, line_search_fn="strong_wolfe")
 
     def measure() -> torch.Tensor:

@@ -332,6 +332,8 @@ class _Fitting:
                     # what the loss changes is put back where the step is cut short
                     before = {name: value.clone() for name, value in self.task.buffers().items()}
                     figures = self._find_gradients(step)
+                    # sharpness-aware (SAM; Foret et al. 2021): the gradient is taken uphill, the step is made from
+                    # where it was
                     if self.config.rho:
                         with self._climbed():
                             self._find_gradients(step)
@@ -428,6 +430,7 @@ class _Fitting:
         with torch.no_grad():
             for name, tensor in own.items():
                 tensor.copy_(torch.from_numpy(np.array(arrays[name])))
+        # the history's numbers, and the optimiser's moments of each parameter
         for path, array in arrays.items():
             kind, _, name = path.partition(".")
             if kind == "history":

@@ -240,6 +240,7 @@ def joined() -> Iterator[None]:
             else:
                 from toolkit.core.console import quietly
 
+                # the others work in silence: only the first process prints and writes
                 with quietly(), redirect_stdout(StringIO()):
                     follow()
                     yield

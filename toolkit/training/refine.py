@@ -413,6 +413,7 @@ def refine_network(
     held_out = len(data.held_out.images)
     notice(f"data: {len(data.train.images)} photographs to refine with, {held_out} held out")
     inputs = RefineInputs(teacher, data, sources[0].held_out_words)
+    # decoded data and the networks along the path are shared by all runs of this name
     task = RefineTask(config, inputs, folder, training)
     fitted = fit(
         task, config.fit_config(), Checkpoint(training, task.key, restart, checkpoint_every_s, ("data-*", KEPT))

@@ -70,6 +70,7 @@ def make_zero_shot(
                 "expected two towers of one network, each with its projection",
                 {"image": image.arch},
             )
+        # a linear layer on normalised features is the scaled cosine
         head = Head(chosen * embeddings, torch.full((len(prompts),), text.bias), normalise=True)
         labels, nothing = list(prompts), np.zeros(0, np.int64)
         record = write_joined(

@@ -125,6 +125,7 @@ class Placement(Transform):
         import numpy as np
 
         drawn = np.array([np.random.default_rng(seed).uniform(-1, 1, 4) for seed in seeds]).reshape(-1, 4)
+        # four draws in [-1, 1]: turn, size, and place along both axes
         angle = np.radians(self.rotation_deg) * drawn[:, 0]
         low, high = self.scale
         scale = low + (high - low) * (drawn[:, 1] + 1) / 2

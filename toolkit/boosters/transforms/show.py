@@ -73,6 +73,7 @@ def paste_windows(images: "torch.Tensor", windows: "torch.Tensor", corners: "np.
             # backgrounds are data: nobody asks for their gradient while a patch is trained
             if not ctx.needs_input_grad[0]:
                 return None, above
+            # below a window nothing of the image shows: no gradient reaches it
             below = gradient.clone()
             for image, (x, y) in zip(below, corners, strict=True):
                 image[:, y : y + side, x : x + side] = 0
