@@ -432,6 +432,7 @@ def plan_scene(
         raise ToolkitError(f"object '{name}' is not in {workspace.plan_file}: run 'toolkit plan --object {name}'")
     camera = plan.camera
     check_poses(item, camera, plan.objects[name])
+    # the key of a shot is all that its picture depends on
     look = describe_look(workspace, item, variant, settings) | {"camera": camera.intrinsics}
 
     def stand(pose: Pose) -> np.ndarray:

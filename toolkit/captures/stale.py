@@ -70,6 +70,7 @@ def _explain(
         if shot.key == record.inputs_sha256:
             continue
         booster = settings.find_booster(workspace, item, record.variant)
+        # the first difference that the manifests state, from the most telling: settings, booster, camera
         difference = find_difference(read_settings(record.made), read_settings(describe_made(item, booster, settings)))
         if difference:
             return difference

@@ -260,6 +260,7 @@ def move_sheet(workspace: Workspace, item: TableObject, sides: Sequence[Side]) -
             file = workspace.object_spec(item.name)
             write_mounts(file, file, [best.mount])
             found = best.mount
+            # in words: another side, or another place on the same one
             where = f"on its {mount.at}: it goes on its {found.at}"
             if found.at == mount.at:
                 where = f"in the middle of its {mount.at}: it goes {_describe_offset(found)}"

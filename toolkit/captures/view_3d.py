@@ -83,6 +83,7 @@ def gather_view(workspace: Workspace, name: str | None = None, sources: Sequence
     if name is None and plan is None:
         raise FieldError("which object? there is no plan yet, so name it with {object_name}", {})
     item = load_object(workspace.object_spec(name or next(iter(plan.objects))))  # type: ignore[union-attr]
+    # planned cameras, as pyramids of the vertical field of view
     frusta = []
     if plan is not None:
         camera = plan.camera

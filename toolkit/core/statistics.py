@@ -157,6 +157,7 @@ def paired_difference_interval(both: int, first_only: int, second_only: int, nei
     low_2, high_2 = wilson_interval(both + second_only, n)
     phi = _corrected_phi(both, first_only, second_only, neither)
 
+    # √(a² - 2 φ a b + b²): two correlated deviations
     def reach(a: float, b: float) -> float:
         return sqrt(max(0.0, a * a - 2 * phi * a * b + b * b))
 
@@ -275,5 +276,6 @@ def rank_correlation(first: Sequence[float], second: Sequence[float]) -> RankCor
     rho = max(-1.0, min(1.0, float(spearmanr(first, second).statistic)))
     if n < FEWEST_FOR_INTERVAL or abs(rho) > 1 - 1e-12:
         return RankCorrelation(n, rho)
+    # on Fisher's scale, z = atanh(rho)
     half = Z_95 * sqrt((1 + rho * rho / 2) / (n - 3))
     return RankCorrelation(n, rho, (tanh(atanh(rho) - half), tanh(atanh(rho) + half)))

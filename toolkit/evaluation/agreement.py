@@ -191,6 +191,7 @@ def compare_renderers(predictions: Sequence[Prediction]) -> list[RendererAgreeme
     known = [source for source, names in renderers.items() if len(names) == 1]
     if len({renderers[source][0] for source in known}) < 2:
         return []
+    # the default renderer leads its family; a family has a source of each renderer
     order = sorted(known, key=lambda source: (_rank(by_source[source]), source))
     found, placed = [], set[str]()
     for base in order:

@@ -246,6 +246,7 @@ def _deal(members: list[Prediction]) -> list[Card]:
     for pose_id in sorted(poses):
         cells = sorted(poses[pose_id].values(), key=lambda prediction: rank_variant(prediction.capture.variant))
         cards.append(Card(f"pose {pose_id}", describe_place(cells[0]), tuple(cells)))
+    # images that are in no card of their pose
     names = [prediction.capture.path.rsplit("/", 1)[-1] for prediction in loose]
     return cards + [Card(name, describe_place(only), (only,)) for name, only in zip(names, loose, strict=True)]
 

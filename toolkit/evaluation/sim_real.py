@@ -104,6 +104,7 @@ class SimReal:
                 sim, real = Pair(before.first, after.first), Pair(before.second, after.second)
                 if sim.has_one_camera and real.has_one_camera:
                     both.append((sim, real))
+        # gains in the rig and in photographs, pose by pose, by object and pooled
         members = gather(both, lambda pair: [(name, place_of(pair[1])[1]) for name in (place_of(pair[1])[0], POOLED)])
         forecasts = []
         for key in sorted(members, key=lambda key: rank_row("", *key)):

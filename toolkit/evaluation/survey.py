@@ -98,6 +98,7 @@ def _survey(model: str, classifier: Classifier, data: str | None, with_speed: bo
     module = classifier.module
     numbers = sum(tensor.numel() for tensor in (*module.parameters(), *module.buffers()))
     path, n, correct, why = classifier.weights.path, None, None, classifier.untrainable
+    # the licence beside the weights, else that of the kit's own networks or of torchvision
     licence = read_labels_file(path).licence
     if licence is None and (path == bundled_file() or path.parent == BUNDLED_DIR):
         licence = OWN_LICENCE

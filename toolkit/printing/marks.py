@@ -162,6 +162,7 @@ def lay_out_strip() -> ColourStrip:
         for row, colours in enumerate((COLOURS, greys))
         for column, (name, srgb) in enumerate(colours.items())
     )
+    # markers stand at both ends, half way up
     height = 2 * CELL_MM + ROW_GAP_MM
     width = 2 * left + CELL_MM * len(COLOURS)
     top = (height - MARKER_MM) / 2
@@ -286,6 +287,7 @@ def draw_overlap_marks(pdf: Pdf, tile: SheetTile, window: Rect) -> None:
     pdf.setLineWidth(LINE_MM)
     half, away = OVERLAP_MM / 2, MARK_GAP_MM + RING_MM + 1
     joins = tile.joins
+    # a tick where the neighbour ends, a ring in the middle of the overlap: both tiles print the same ring
     for side, edge, inwards in (("left", window.x, 1), ("right", window.right, -1)):
         if joins[side]:
             for y, outwards in ((window.y, -1), (window.top, 1)):
@@ -378,6 +380,7 @@ def draw_page(pdf: Pdf, plan: PagePlan, page: Page, sheet: SheetDrawing, which: 
     """Draw a page of a sheet; `which` names it in the header."""
     frame = plan.frame
     which = f"{frame.paper.describe()}, {which}"
+    # a map of the tiles, a tile, or whole sheets with crop marks
     if isinstance(page, MapPage):
         rows, columns = plan.tiles
         which = f"{count_of(rows, 'row')} × {count_of(columns, 'column')}, {which}"

@@ -113,6 +113,7 @@ def print_picture(wanted: OwnSettings, page: PrintSettings, folder: Path) -> Pri
     long = max(pixels.shape[:2])
     if page.size_mm is None and page.dpi is None:
         raise FieldError("has no record that states its size: give {size_mm}, or {dpi}", {"picture": picture})
+    # without a size, the resolution alone decides
     asked = page if page.scale_percent is not None or page.size_mm else page.with_overrides(scale_percent=100.0)
     texel = measure_side_mm(long, asked) / long
     high, wide = (texel * count for count in pixels.shape[:2])

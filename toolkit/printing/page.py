@@ -271,6 +271,7 @@ def plan_sheet(paper: Paper, orientation: str, cut_width: float, cut_height: flo
 
 def pack_copies(content: Rect, cut_width: float, cut_height: float, copies: int) -> list[CopiesPage]:
     """Pack as many copies on a page as fit, the group centred; none if no copy fits."""
+    # a cell holds the sheet, its crop marks and its caption
     cell_width = max(cut_width + 2 * MARK_MM, NARROWEST_CELL_MM)
     cell_height = cut_height + 2 * MARK_MM + CAPTION_MM
     most_columns, most_rows = int(content.width // cell_width), int(content.height // cell_height)

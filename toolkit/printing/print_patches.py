@@ -301,6 +301,7 @@ def print_chosen(
     printed = [
         print_patch(png_file, pdf_file, settings, wearer) for png_file, wearer, pdf_file in _name_targets(worn, out)
     ]
+    # without an object, patches by class or file, for each object that has them
     failed: list[dict[str, str]] = []
     if classes or everything or files or not objects:
         chosen = select_patches(workspace, classes, everything, files)

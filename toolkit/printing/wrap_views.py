@@ -104,6 +104,7 @@ def _cast_side(
     normal = np.cross(right, up)
     flat = mesh.vertices @ np.stack([right, up], axis=1)
     low, high = flat.min(axis=0) - 2 / px_per_mm, flat.max(axis=0) + 2 / px_per_mm
+    # pixels finer than the picture's, from a plane just in front of the object
     width, height = (int(side) * FINER for side in np.ceil((high - low) * px_per_mm))
     x = low[0] + (np.arange(width) + 0.5) / px_per_mm / FINER
     y = low[1] + (height - np.arange(height) - 0.5) / px_per_mm / FINER
@@ -149,6 +150,7 @@ def _share_out(room: Rect, views: Sequence[SideView]) -> list[Rect]:
     best: tuple[float, list[Rect]] = (0.0, [])
     for columns in (2, 3):
         rows = len(views) // columns
+        # a column is as wide as its widest view, a row as high as its highest: one scale for all
         widths = [max(view.size_mm[0] for view in views[i::columns]) for i in range(columns)]
         heights = [max(view.size_mm[1] for view in views[i * columns : (i + 1) * columns]) for i in range(rows)]
         scale = min((room.width - 4 * columns) / sum(widths), (room.height - (TITLE_MM + 2) * rows) / sum(heights))

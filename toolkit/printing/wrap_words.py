@@ -135,6 +135,7 @@ def _find_free(
         left, low = max(left, x0 - near_mm), max(low, y0 - near_mm)
         right, high = min(right, x1 + near_mm), min(high, y1 + near_mm)
     half_w, half_h = width / 2 + 0.3, NUMBER_HIGH_MM / 2 + 0.2
+    # boxes on a grid over the page, or over the surroundings of the piece
     columns, rows = np.arange(left + half_w, right - half_w, step), np.arange(low + half_h, high - half_h, step)
     x, y = np.tile(columns, len(rows)), np.repeat(rows, len(columns))
     boxes = shapely.box(x - half_w, y - half_h, x + half_w, y + half_h)
@@ -165,6 +166,7 @@ def smooth_outline(outline: "Polygon") -> "Polygon":
         ]  # fmt: skip
 
     smooth = outline
+    # closing fills narrow slits, opening takes narrow teeth off (Serra 1982), the finest first
     for half_mm in TEETH_MM:
         slits = short(widen(widen(smooth, half_mm), -half_mm).difference(smooth))
         smooth = shapely.union_all([smooth, *slits])

@@ -367,6 +367,7 @@ def _lay_out(
     found = []
     for frame in frames:
         sheets = [_describe_piece(wrap, item, index, frame.content, by_machine) for index in range(len(wrap.pieces))]
+        # pieces that fit on a page are nested, larger ones are tiled
         whole = [index for index, sheet in enumerate(sheets) if fits(sheet.footprint, frame.content)]
         tiled = [
             (index, plan_sheet(frame.paper, frame.paper.orientation, *sheet.size_mm))
@@ -392,6 +393,7 @@ def _cut_roll(frame: PageFrame, shapes: "Sequence[Polygon]") -> tuple[PageFrame,
     tallest = max((max(np.subtract(shape.bounds[2:], shape.bounds[:2])) for shape in shapes), default=0.0)
     length = float(min(room.height, max(wanted, tallest + 1)))
     pages = nest(shapes, Rect(room.x, room.y, room.width, length)) if shapes else []
+    # what is free below the lowest piece is cut off
     lowest = [
         affinity.translate(
             affinity.rotate(shapes[place.index], 90 * place.quarters, (0, 0)), place.x_mm, place.y_mm

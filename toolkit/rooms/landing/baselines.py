@@ -60,6 +60,7 @@ def make_features(pad: Pad, camera: Camera) -> ClassicalFinder:
             return np.full(2, np.nan)
         source = np.array([points[m.queryIdx].pt for m in good], np.float32)
         target = np.array([seen_points[m.trainIdx].pt for m in good], np.float32)
+        # a pad is flat: four corners by a homography, and the camera's place from them
         homography, inliers = cv2.findHomography(source, target, cv2.RANSAC, 4.0)
         if homography is None or inliers.sum() < LEAST_MATCHES:
             return np.full(2, np.nan)

@@ -434,6 +434,7 @@ def write_report(
 def film_episode(space: Workspace, config: FlyConfig, flown: Flown, record: EpisodeRecord, seed: int) -> Film:
     """Film an episode whose track was kept: what its camera saw is rendered again along the track."""
     number = record.index % len(flown.places)
+    # the camera that the regressor was trained with
     trained = [load_regressor(space, name).record for name in config.regressors if name in list_regressors(space)]
     optics = CameraConfig(image_px=trained[0].image_px, fov_deg=trained[0].fov_deg) if trained else CameraConfig()
     size_m = config.size_m or (trained[0].size_m if trained else 2.0)
@@ -442,12 +443,14 @@ def film_episode(space: Workspace, config: FlyConfig, flown: Flown, record: Epis
     site = PadSite(world, flown.places[number], find_sky(config.time), pad, optics)
     flights = Flights(config.episode, site.centre, site.ground, seed=seed, indices=[record.index])
     views = []
+    # the drone is set on its track tick by tick: camera, weather and grain are those of the flight
     for tick, place in enumerate(record.track[:-1]):
         flights.tick, flights.state.position[:, 0] = tick, site.centre + np.array(place)
         pose = flights.camera_poses(np.array([0]))[0]
         views.append(SiteView(pose, seed, record.index * TICKS + tick, (record.weather, record.severity)))
     pictures = list(map_ahead(site.photograph, views))
     title = f"{record.cell.words}, episode {record.index}"
+    # the last picture stands for a second
     last, hz = len(record.track) - 1, config.episode.camera_hz
     order = [*range(len(record.track)), *[last] * round(hz)]
     return Film(title, np.stack([_compose(pictures, record, k, title, config) for k in order]), hz)

@@ -217,6 +217,7 @@ def load_regressor(space: Workspace, name: str, device: str = "cpu") -> Regresso
             f"{file}: its hash {digest[:12]} is not the {record.sha256[:12]} of {record_file.name}: the weights are of "
             "another regressor, or damaged: restore the pair, or train again"
         )
+    # the hash is checked before the weights are opened
     state = read_state_dict(WeightsFile(file, digest, file.name))
     # random weights are replaced at once: drawing them must not move the caller's generator
     with torch.random.fork_rng(devices=[]):
@@ -247,6 +248,7 @@ def summarise_errors(answers: np.ndarray, samples: SampleSet) -> list[ErrorRow]:
     """
     errors = np.linalg.norm(answers - samples.offsets, axis=1)
     heights = samples.heights
+    # the angle between the vertical and the line from the drone to the pad
     angles = np.degrees(np.arctan2(np.linalg.norm(samples.offsets, axis=1), heights))
     rows = [_row("all", "all", errors, heights)]
     # rows of bins without a sample are left out

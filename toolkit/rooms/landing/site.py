@@ -118,6 +118,7 @@ def _draw_plain() -> np.ndarray:
     side = n * zoom
     canvas = np.full((side, side, 3), (62, 70, 76), np.uint8)
     pale = (232, 232, 226)
+    # edge, ring, and the H as two posts and a bar; drawn four times as large and averaged
     cv2.rectangle(canvas, (0, 0), (side - 1, side - 1), pale, side // 20)
     cv2.circle(canvas, (side // 2, side // 2), round(side * 0.37), pale, side // 16)
     for x in (0.36, 0.64):

@@ -286,6 +286,7 @@ class RegressorTask(TrainingTask[Regressor]):
         content, settings = save(state), self.config.record()
         about = self.sets[0].about
         camera = about.camera
+        # horizontal field of view of a pinhole: 2 · atan(width / 2 / f)
         fov = round(float(2 * np.degrees(np.arctan(camera["width"] / 2 / camera["fx"]))), 6)
         record = RegressorRecord(
             name=self.file.stem, arch=self.config.arch, outputs=3 if self.config.uncertainty else 2,
@@ -297,6 +298,7 @@ class RegressorTask(TrainingTask[Regressor]):
             inputs_sha256=self.key, sha256=sha256_bytes(content), toolkit_version=__version__,
         )  # fmt: skip
         regressor = Regressor(record, freeze(self.module, self.device), self.device)
+        # the predicted deviation is scaled once, on images that were kept out of training for it
         if self.config.uncertainty:
             scale = calibrate(regressor, self.train, self.calibration)
             record = record.model_copy(update={"sigma_scale": scale})

@@ -97,6 +97,7 @@ def run(
         points = format_points(score.rank_gain) + (f" (95 % {interval})" if interval else "")
         say(f"gain on unseen networks, mean of {len(CONDITIONS)} conditions: {points} points")
     say(f"score: {judged.folder}; page: {page / 'index.html'}")
+    # other judges have a folder of their own, which the board must be told
     shown = entry if judged.folder.name == SCORE else judged.folder
     say(f"next: toolkit challenge board {quote(shown)} OTHERS… --out FOLDER")
 

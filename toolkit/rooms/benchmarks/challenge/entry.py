@@ -321,6 +321,7 @@ def _list_known(entry: ChallengeEntry) -> Iterator[str]:
 def _list_stray(entry: ChallengeEntry) -> Iterator[str]:
     """List links, large files and files without a place in an entry; only the first lines of many."""
     known = set(_list_known(entry))
+    # folders that lead to a known file; all others are strays as a whole
     folders = {up.as_posix() for name in known for up in PurePosixPath(name).parents}
     faults: list[str] = []
     waiting = ["."]

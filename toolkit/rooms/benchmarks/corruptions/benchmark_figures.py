@@ -149,6 +149,7 @@ def draw_variant(summary: Summary, row: VariantMean, title: str = "") -> bytes:
     Dashed: the images without a patch, same network. A reader's bars are split into right, wrong and not decoded.
     The summary has at least one corruption; `title` is the variant's display name.
     """
+    # the figure grows with the number of corruptions, within the width of a page
     places = place_corruptions(summary.corruptions, row.top1 is not None)
     several = len(summary.severities) > 1
     width = min(MAX_WIDTH_IN, max(MIN_WIDTH_IN, SIDE_IN + STEP_IN * len(places)))
@@ -157,6 +158,7 @@ def draw_variant(summary: Summary, row: VariantMean, title: str = "") -> bytes:
     before = summary.unpatched_of(row)
     _draw_averages(panels[0], summary, row, before, places)
     levels = name_levels(summary.severities) if summary.has_same_severities else "the severities that each was run at"
+    # below the averages, a bar for each severity
     titles = ["average of " * several + levels]
     if several:
         _draw_severities(panels[1], summary, row, before, places)
@@ -315,6 +317,7 @@ def _draw_means(panel: "Axes", summary: Summary, titles: Sequence[str]) -> "list
             continue
         end = 100 * share
         panel.barh(y, end, height=OVERVIEW_BAR, color=_colour_of_row(row), alpha=0.85, zorder=2)
+        # a reader's bar is whole: read, another code read, no code read
         if is_reader(row):
             end = 100 * (share + (wrong or 0.0))
             misread = 100 * (wrong or 0.0)
@@ -337,6 +340,7 @@ def _draw_means(panel: "Axes", summary: Summary, titles: Sequence[str]) -> "list
     lines = textwrap.wrap(summary.mean_of if has_mean else "clean images", TITLE_CHARACTERS)
     panel.set_title("\n".join([f"{CORRECT}; n = {summary.n} images", *lines]), fontsize=11, loc="left")
     has_clean = any(row.clean_top1 is not None for row in summary.variants)
+    # the legend explains only what is drawn
     handles: list[Artist] = []
     if has_mean:
         handles.append(Line2D([], [], color="#111111", lw=1.6, label="95 % interval"))
@@ -354,6 +358,7 @@ def _draw_corruptions(
     """A panel of bars for each row, on a shared scale; a black mark is the same answerer without patches."""
     places, columns = place_corruptions(summary.corruptions, False), min(SMALL_COLUMNS, len(rows))
     x, colours = list(places.values()), [colour_of(name) for name in places]
+    # small multiples: labels only below and at the left, as all panels share their axes
     panels = figure.subplots(-(-len(rows) // columns), columns, sharey=True, squeeze=False)
     for k, panel in enumerate(panels.flat):
         if k >= len(rows):

@@ -228,6 +228,7 @@ class _Source:
         pixels: list[np.ndarray] = []
         hashes: list[str] = []
         skipped: list[tuple[str, str]] = []
+        # in random order, until enough images could be read
         for k in Draws(self._config.seed, 0, "data").of("files").permutation(len(found)):
             if len(pixels) == self._config.images:
                 break
