@@ -200,6 +200,7 @@ def skylight(looks: Looks, rng: np.random.Generator) -> Piece:
     """A glazed ridge on a kerb."""
     glass, kerb = looks.plain((128, 158, 172), "gloss"), looks.plain((180, 182, 180))
     pieces = [kit.boxes([-1.3, -0.9, 0], [1.3, 0.9, 0.4], kerb, ROOF)]
+    # two slopes of glass and two triangular ends, with ribs over the slopes
     slopes = [
         [(-1.2, -0.8, 0.4), (1.2, -0.8, 0.4), (1.2, 0, 1.0), (-1.2, 0, 1.0)],
         [(1.2, 0.8, 0.4), (-1.2, 0.8, 0.4), (-1.2, 0, 1.0), (1.2, 0, 1.0)],

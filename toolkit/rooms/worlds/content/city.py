@@ -162,6 +162,7 @@ def _fill_yard(area: Area, filling: Filling, rng: np.random.Generator) -> None:
     standing: Standing = {}
     if depth < 8:
         return
+    # a row of bays along each side, or a single row in a narrow yard
     rows = (y + 3.6, y + depth - 3.6) if depth > 13 else (y + depth / 2,)
     for px, py in ((px, py) for px in np.arange(x + 4.5, x + width - 4.5, 3.4) for py in rows):
         kind = rng.random()
@@ -234,11 +235,13 @@ def _square(area: Area, filling: Filling) -> None:
     cx, cy = x + width / 2, y + depth / 2
     radius = min(width, depth) / 2 - 8.5
     filling.spots.append(Spot("square", "square", (cx, cy, KERB_M), round(radius, 2), 0.0, "ground"))
+    # fountain and monument stand beside the free middle, if the square is wide enough
     left, right = cx - radius - 6.5, cx + radius + 6.5
     if left - 4.5 > x:
         filling.pieces.append(place(fountain(looks), (left, cy, KERB_M)))
         filling.pieces.append(place(monument(looks), (right, cy, KERB_M)))
     standing: Standing = {}
+    # trees, lamps and benches along the long sides, small things along the others
     for k, px in enumerate(np.arange(x + 3, x + width - 2, 7.0)):
         for py, yaw in ((y + 2.6, 180.0), (y + depth - 2.6, 0.0)):
             standing.setdefault(f"tree:{k % 4}", []).append((px, py, KERB_M, 50.0 * k))
@@ -318,6 +321,7 @@ def _street_spots(plan: Plan, rng: np.random.Generator) -> list[Spot]:
     """Free stretches of street and free crossings; they are reserved in the plan."""
     spots = []
     stretches = [s for s in plan.stretches() if s.length > MIN_STRETCH_M]
+    # streets inside the city, not at its edge, if there are any
     inner = [s for s in stretches if np.abs((s.start + s.end) / 2).max() < 0.8 * plan.east[-1].at]
     stretches = inner or stretches
     order = rng.permutation(len(stretches))
@@ -327,6 +331,7 @@ def _street_spots(plan: Plan, rng: np.random.Generator) -> list[Spot]:
         radius = stretch.street.half + PAVEMENT_M - 1.7
         spots.append(Spot(f"street-{k + 1}", "street", (x, y, 0.0), round(radius, 2), stretch.yaw_deg, "ground"))
     cells = [(n, e) for n in plan.north[1:-1] or plan.north for e in plan.east[1:-1] or plan.east]
+    # the widest crossings, and of equal widths the nearest to the middle
     cells.sort(key=lambda cell: (-min(cell[0].half, cell[1].half), abs(cell[0].at) + abs(cell[1].at)))
     for k, (north, east) in enumerate(cells[:CROSSING_SPOTS]):
         radius = min(north.half, east.half) + 0.3

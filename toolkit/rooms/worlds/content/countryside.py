@@ -363,6 +363,7 @@ def _barn(looks: Looks) -> Piece:
         wall(looks, "cladding", (142, 42, 36)), wall(looks, "cladding", (150, 152, 154)), looks.plain((232, 230, 222)),
     )  # fmt: skip
     gable = np.array([(-7, 0), (7, 0), (7, 5), (0, 9.5), (-7, 5)])
+    # the roof overhangs by 0.4 m, and is seen from below as well
     slope = np.array([
         [(7.4, -0.4, 4.75), (7.4, 18.4, 4.75), (0, 18.4, 9.6), (0, -0.4, 9.6)],
         [(-7.4, 18.4, 4.75), (-7.4, -0.4, 4.75), (0, -0.4, 9.6), (0, 18.4, 9.6)],
@@ -375,6 +376,7 @@ def _barn(looks: Looks) -> Piece:
         ),
         kit.quads(slope, tin, SceneClass.ROOF),
         kit.quads(slope[:, ::-1] - [0, 0, 0.05], tin, SceneClass.ROOF),
+        # a white frame with two doors
         kit.box((-2.2, 2.2), (-0.06, 0), (0, 3.8), white, B),
         kit.box((-2.0, -0.05), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
         kit.box((0.05, 2.0), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
@@ -527,8 +529,10 @@ def _control_tower(looks: Looks) -> Piece:
     white, green = wall(looks, "render", (226, 222, 210)), looks.plain((96, 140, 136), "gloss")
     frame, glass = looks.plain((60, 64, 66)), pane_sheet(looks, "curtain-green")
     angle = np.radians(22.5) + np.linspace(0, 2 * np.pi, 9)
+    # the cab: eight panes that lean outwards
     low, high = ([kit.xyz(r * np.cos(angle), r * np.sin(angle), z)] for r, z in ((3.6, 20.0), (4.4, 23.4)))
     cab = np.stack([low[0][:-1], low[0][1:], high[0][1:], high[0][:-1]], 1)
+    # the low building at its foot, with a row of windows and the airfield's name
     cells = [(-12 + 2 * k, 2.6, -12 + 2 * k + 1.9, 5.6) for k in range(12)]
     face = kit.upright(cells, -8.02)
     canvas = Canvas(10, 1.4, 48, (30, 74, 120))

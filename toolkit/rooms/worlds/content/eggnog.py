@@ -127,6 +127,7 @@ def draw_mug(canvas: LabelCanvas, x: float, y: float, size: float, seed: int = 5
         lower = np.stack([base[0] + (narrow - inset) * np.cos(angle), bottom + 0.075 * s * np.sin(angle)], 1)
         return np.vstack([[(rim[0] - wide + inset, top)], lower[::-1], [(rim[0] + wide - inset, top)]])
 
+    # glass, then the drink within it, darker towards the sides
     glass = np.maximum(canvas.polygon(body(0, rim[1], base[1])), canvas.ellipse(rim[0], rim[1], wide, 0.095 * s))
     canvas.fill(glass, (226, 222, 208), 0.9)
     liquid = canvas.polygon(body(0.022 * s, rim[1] + 0.03 * s, base[1] - 0.06 * s))
@@ -135,6 +136,7 @@ def draw_mug(canvas: LabelCanvas, x: float, y: float, size: float, seed: int = 5
     canvas.fill(liquid, np.array([255, 228, 158]) * shade)
     foot = canvas.ellipse(base[0], base[1] + 0.005 * s, narrow * 0.82, 0.045 * s)
     canvas.fill(canvas.soften(foot * glass, 0.008 * s), (255, 252, 244), 0.55)
+    # foam that runs down the inside in waves
     drop = rim[1] + s * (0.055 + 0.008 * np.sin(across * 17) + 0.092 * np.sqrt(np.clip(1 - across**2, 0, 1)))
     foam = np.clip((drop - canvas.y) * canvas.scale, 0, 1) * liquid
     canvas.fill(foam, np.array([255, 246, 216]) * np.clip(shade + 0.04, 0, 1))
@@ -203,6 +205,7 @@ def draw_holly(canvas: LabelCanvas, x: float, y: float, size: float, turn_deg: f
     """Two prickly leaves and three berries; `size` is a leaf's length."""
     for bearing, shade in ((turn_deg + 205, 0.85), (turn_deg - 25, 1.0)):
         t = np.linspace(0, 2 * np.pi, 121)
+        # seven prickles round an ellipse; one half is lighter, along the midrib
         spiky = 0.62 + 0.38 * np.abs(np.cos(3.5 * t)) ** 0.6
         leaf = np.stack([0.5 + 0.5 * np.cos(t), 0.27 * np.sin(t) * spiky], axis=1) * size
         cosine, sine = np.cos(np.radians(bearing)), np.sin(np.radians(bearing))
@@ -212,6 +215,7 @@ def draw_holly(canvas: LabelCanvas, x: float, y: float, size: float, turn_deg: f
         tone = np.where(offset < 0, 1.15, 0.85) * shade
         canvas.fill(mask, np.array([24, 104, 50]) * tone[..., None])
         canvas.fill(mask * np.clip(1 - np.abs(offset) * 8 / size * 2, 0, 1), (150, 200, 130), 0.6)
+    # berries with a soft highlight
     for dx, dy in ((-0.10, 0.08), (0.12, 0.12), (0.02, -0.10)):
         centre, radius = (x + dx * size, y + dy * size), 0.125 * size
         canvas.fill(canvas.ellipse(*centre, radius, radius), (190, 16, 26))
@@ -276,9 +280,11 @@ def paint_foam(width: int, height: int, px_per_mm: float) -> Image.Image:
     canvas.fill(swirl, (248, 234, 190), 0.6)
     canvas.fill(np.clip((distance - 0.9) * 10, 0, 1), EGGNOG)
     rng = np.random.default_rng(6)
+    # bubbles along the glass
     for bearing, place, radius in rng.uniform((0, 0.86, 0.3), (2 * np.pi, 0.98, 1.0), (220, 3)):
         spot = w / 2 * (1 + place * np.cos(bearing)), h / 2 * (1 + place * np.sin(bearing))
         canvas.spot(*spot, radius, radius, (255, 251, 234), 0.7)
+    # nutmeg, denser towards the middle
     for bearing, scatter, grain in zip(
         rng.uniform(0, 2 * np.pi, 900), np.abs(rng.normal(0, 0.42, 900)), rng.uniform(0.2, 0.75, 900), strict=True
     ):

@@ -122,6 +122,7 @@ def cornice(
     width: float, z: float, skin: Skin, out_m: float = 0.45, *, dentils: bool = True, ends: bool = True
 ) -> Piece:
     """Mouldings that step out below z; they run on round corners with `ends`."""
+    # three mouldings, each further out than that below it
     steps = [(z - 0.75, z - 0.5, 0.25), (z - 0.5, z - 0.22, 0.6), (z - 0.22, z, 1.0)]
     reach = out_m if ends else 0.0
     pieces = []
@@ -155,12 +156,14 @@ def _air_conditioners(cell: np.ndarray, looks: Looks) -> Piece:
 def _balconies(cell: np.ndarray, base: np.ndarray, style: Facade, looks: Looks) -> Piece:
     if not len(cell):
         return kit.EMPTY
+    # the slab lies at the floor of the window's storey
     floor = base[np.searchsorted(base, cell[:, 1], side="right") - 1]
     x0, x1, out = cell[:, 0] - 0.55, cell[:, 2] + 0.55, 1.15
     iron = looks.plain((44, 46, 50), "paint")
     pieces = [
         kit.boxes(kit.xyz(x0, -out, floor - 0.16), kit.xyz(x1, 0, floor), style.trim, BUILDING, without=("back",))
     ]
+    # two rails round it, and balusters between them
     for height in (0.12, 1.02):
         left, right = kit.xyz(x0 + 0.04, -out + 0.04, floor + height), kit.xyz(x1 - 0.04, -out + 0.04, floor + height)
         pieces.append(kit.bars(left, right, 0.05, iron, BUILDING))

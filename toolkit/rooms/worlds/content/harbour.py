@@ -301,6 +301,7 @@ def _pier(looks: Looks) -> Piece:
         for k in range(15):
             canvas.rect(0, 0.2 * k, 3, 0.2 * k + 0.185, tuple(int(c * rng.uniform(0.8, 1.15)) for c in (140, 118, 92)))
         wood = looks.add(Material("planks", canvas.texture(0.06, rng), 0.9), (3.0, 3.0))
+    # two rows of piles down to the bottom, and a railing on the water's side
     piles = np.array([(x, y, -7.0) for x in (101.0, 104.6) for y in np.arange(-58.0, 0.0, 6.0)])
     rail = np.array([((105.0, -60.0, z), (105.0, 0.0, z)) for z in (0.5, 1.0)])
     posts = np.array([(105.0, y, -0.3) for y in np.arange(-60.0, 0.1, 3.0)])

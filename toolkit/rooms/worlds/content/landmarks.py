@@ -288,6 +288,7 @@ def _cinema_sheets(looks: Looks) -> tuple[Skin, Skin, Skin]:
     c.text(3.5, 1.05, "NOW SHOWING: THE LAST TRAM", 0.42, (30, 30, 32), fit_m=6.6)
     c.text(3.5, 0.42, "7:15  9:30  LATE SHOW FRIDAY", 0.4, (176, 24, 30), fit_m=6.6)
     marquee = sheet("marquee", looks, c, 1.0)
+    # the name reads downwards
     name = Canvas(1.4, 7.5, 72, (150, 18, 28))
     for k, letter in enumerate("CINEMA"):
         name.text(0.7, 6.75 - 1.2 * k, letter, 1.1, (255, 226, 120))

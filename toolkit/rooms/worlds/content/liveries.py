@@ -330,6 +330,7 @@ def draw_star(sheet: Drawing, centre: Point, radius_mm: float, turn_deg: float =
     sheet.fill(bar(2.0, 0.25), SIGN_WHITE)
     sheet.fill(bar(2.0, 0.085), SIGNAL_RED)
     sheet.disc(centre, 1.12 * radius_mm, BLUE)
+    # a pentagram: its inner corners lie at 0.382 of the outer radius
     angle = np.radians(90 + 36 * np.arange(10))
     reach = np.where(np.arange(10) % 2 == 0, 1.0, 0.382)
     sheet.fill(place(np.stack([reach * np.cos(angle), reach * np.sin(angle)], 1).tolist()), SIGN_WHITE)

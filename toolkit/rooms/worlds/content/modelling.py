@@ -400,6 +400,7 @@ def vessel(
     level = bottom if content is None else bottom + content[0] * (outline[-1, 1] - bottom)
     inner = np.maximum(outline - [wall, 0], [0.05, 0])
     at_level = np.interp(level, inner[:, 1], inner[:, 0])
+    # the rim is a half circle over the wall
     turn = np.linspace(0.25, 0.75, 3) * np.pi
     middle = outline[-1] - [wall / 2, 0]
     rim = middle + wall / 2 * np.stack([np.cos(turn), np.sin(turn)], 1)

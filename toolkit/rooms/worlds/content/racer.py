@@ -267,6 +267,7 @@ def _wheels() -> list[Part]:
 def _wheel(radius: float, width: float) -> list[Part]:
     """A slick on a spoked rim about the z axis, outer face up."""
     h, rim = width / 2, radius * 0.64
+    # tyre: tread, shoulder and lettered side wall; the inner side mirrors the outer one
     shoulder = smooth_curve([(radius, h - 3.4), (radius - 0.5, h - 1.6), (radius - 2, h - 0.4), (radius - 3.2, h)], 8)
     side = [*shoulder, (radius - 4.5, h + 0.25), (rim + 1.2, h - 0.2), (rim, h - 1.0)]
     lettering = livery.paint_lettering(RUBBER, "SLICKS · GRIPON", YELLOW, 3.4, 3)
@@ -276,6 +277,7 @@ def _wheel(radius: float, width: float) -> list[Part]:
     barrel = revolve([(rim, h - 1.0), (rim - 1.2, h - 1.2), (rim - 1.6, h - 7), (rim - 2.2, h - 7)], 72, RIM, "metal")
     disc = revolve([(rim - 2.2, h - 7), (0, h - 7)], 48, BLACK, "carbon")
     back = revolve([(0, -h + 4), (rim, -h + 1)], 48, CARBON, "carbon")
+    # spokes and hub before a dark disc
     spokes = []
     for k in range(6):
         outline = [(1.5, -2.2), (rim - 1.4, -1.3), (rim - 1.4, 1.3), (1.5, 2.2)]

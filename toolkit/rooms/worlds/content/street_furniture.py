@@ -159,12 +159,14 @@ def phone_booth(looks: Looks) -> Piece:
     skin = sheet("phone", looks, c, 0.9)
     keys = np.array([(-0.06 + 0.05 * (k % 3), 0.03, 1.14 + 0.05 * (k // 3)) for k in range(12)])
     pieces = [
+        # post, three walls and roof with the sign
         kit.box((-0.05, 0.05), (0.0, 0.1), (0.0, 1.0), steel, F),
         kit.box((-0.42, 0.42), (0.1, 0.16), (0.9, 2.1), blue, F),
         kit.box((-0.42, -0.38), (-0.35, 0.1), (0.9, 2.1), blue, F),
         kit.box((0.38, 0.42), (-0.35, 0.1), (0.9, 2.1), blue, F),
         kit.box((-0.44, 0.44), (-0.38, 0.16), (2.1, 2.34), blue, F),
         board(0.8, 0.22, skin, F, 0.0, both=False).moved(0, -0.385, 2.22),
+        # the telephone, its keys, and the receiver beside it
         kit.box((-0.17, 0.17), (0.04, 0.1), (1.05, 1.65), looks.plain((40, 42, 44), "metal"), F),
         kit.boxes(keys, keys + [0.035, 0.01, 0.035], looks.plain((220, 220, 216)), F, ()),
         kit.solid(
@@ -187,9 +189,11 @@ def bicycle(looks: Looks) -> Piece:
         spoke = angle[:-1:2]
         rim = kit.xyz(x + 0.32 * np.cos(spoke), 0.0, 0.34 + 0.32 * np.sin(spoke))
         pieces.append(kit.bars((x, 0, 0.34), rim, 0.008, steel, F))
+    # rear hub, bottom bracket, saddle, head and front hub
     a, b, c, d, e = (-0.52, 0, 0.34), (-0.1, 0, 0.3), (-0.24, 0, 0.82), (0.36, 0, 0.78), (0.52, 0, 0.34)
     tubes = [(a, b), (a, c), (b, c), (c, d), (b, d), (d, e)]
     pieces.append(kit.bars([p for p, _ in tubes], [q for _, q in tubes], 0.045, paint, F))
+    # seat post and stem, handlebar, saddle
     pieces += [
         kit.bars([(-0.24, 0, 0.82), (0.36, 0, 0.78)], [(-0.27, 0, 0.94), (0.33, 0, 1.0)], 0.03, steel, F),
         kit.bars((0.33, -0.28, 1.02), (0.33, 0.28, 1.02), 0.03, dark, F),
@@ -220,6 +224,7 @@ def bus_shelter(looks: Looks) -> Piece:
     c.text(0.6, 0.35, "CITY FAIR", 0.2, (255, 255, 255))
     c.text(0.6, 0.15, "1 - 12 JUNE", 0.13, (255, 255, 255))
     skin = sheet("shelter-poster", looks, c, 0.9)
+    # four posts, a pane at the back, roof, bench, and the poster at one end
     posts = np.array([(x, y, 0) for x in (-2.0, 2.0) for y in (-0.6, 0.7)], float)
     pane = [[(2.0, 0.7, 0.3), (-2.0, 0.7, 0.3), (-2.0, 0.7, 2.2), (2.0, 0.7, 2.2)]]
     both = np.array(pane + [pane[0][::-1]])
@@ -310,6 +315,7 @@ def fountain(looks: Looks) -> Piece:
         (0.95, 3.05), (0.7, 3.0), (0.12, 2.98), (0.1, 3.4), (0.005, 3.5),
     ]  # fmt: skip
     water = looks.plain((120, 160, 172), "gloss")
+    # jets from the rim of the lower bowl into the basin
     turn = np.linspace(0, 2 * np.pi, 28, endpoint=False)
     jet = np.column_stack([np.cos(turn), np.sin(turn)])
     start, end = np.column_stack([jet * 1.7, np.full(28, 1.85)]), np.column_stack([jet * 2.6, np.full(28, 0.5)])
@@ -392,6 +398,7 @@ def traffic_light(looks: Looks, lit: int, street: str, arm_m: float = 5.0) -> Pi
     steel = looks.plain((74, 78, 80))
     mast = kit.revolved([(0.16, 0), (0.13, 0.9), (0.11, 0.92), (0.085, 5.9), (0.01, 5.95)], 8, steel, F)
     head = traffic_head(looks, lit)
+    # two heads hang from the arm, a third is on the mast
     at = np.array([(-arm_m + 0.4, -0.2, 5.35), (-arm_m / 2, -0.2, 5.45), (0.0, -0.32, 3.1)])
     name = street_name(street, looks)
     pieces = [
@@ -401,6 +408,7 @@ def traffic_light(looks: Looks, lit: int, street: str, arm_m: float = 5.0) -> Pi
         kit.bars(at[:2] + [0, 0.12, 0.5], at[:2] + [0, 0.2, 0.35], 0.06, steel, F),
         name.moved(-1.3, -0.1, 5.3),
     ]
+    # pedestrians walk while the road before them has red
     walk = looks.plain((250, 250, 240), "lamp") if lit == 0 else looks.plain((255, 90, 30), "lamp")
     pieces += [
         kit.box((-0.45, -0.12), (-0.15, 0.05), (2.3, 2.7), looks.plain((30, 30, 32)), F),
@@ -523,6 +531,7 @@ def billboard_skin(index: int, looks: Looks) -> Skin:
         canvas.disc(
             rng.uniform(0, 8), rng.uniform(0, 4), rng.uniform(0.3, 1.2), tuple(int(c * 0.85 + 20) for c in ground)
         )
+    # a ring as trade mark, the name and its slogan, in a dark frame
     canvas.disc(6.4, 2.5, 1.0, ink)
     canvas.disc(6.4, 2.5, 0.7, ground)
     canvas.text(3.4, 2.5, words, 1.3, ink, fit_m=5.4)

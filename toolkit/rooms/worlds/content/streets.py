@@ -179,6 +179,7 @@ def plan_city(rng: np.random.Generator, columns: int, rows: int, names: tuple[st
     order = rng.permutation(len(names))
 
     def line(blocks: int, shortest: float, longest: float, first_name: int) -> tuple[Street, ...]:
+        # two avenues, at a third and at two thirds of the way
         avenues = {blocks // 3, (2 * blocks + 2) // 3} if blocks > 2 else {blocks // 2}
         streets, at = [], 0.0
         for k in range(blocks + 1):

@@ -401,6 +401,7 @@ def crossing(looks: Looks, avenue: bool) -> Skin:
     worn = np.clip(0.85 + 0.35 * fractal(rng, shape, 12, 4), 0.2, 0.97).astype(np.float32)
     bars = int(width / 1.1)
     for k in range(bars):
+        # bars as wide as the gaps between them
         x = (k + 0.25) / bars
         _mark(base, (x, x + 0.5 / bars), (0.1, 0.72), WHITE_PAINT, worn)
     _mark(base, (0.5, 1 - PARKING_M / width), (0.86, 0.95), WHITE_PAINT, worn)
@@ -480,6 +481,7 @@ def grass(looks: Looks, meadow: bool = False) -> Skin:
     broad, fine = fractal(rng, shape, 3, 4), fractal(rng, shape, 48, 4)
     blade = noise(rng, shape, (n // 3, n // 5))
     base = flat(shape, (82, 112, 44)) * (1 + 0.16 * broad + 0.22 * fine + 0.2 * blade)[..., None]
+    # dry patches, more of them in a meadow, and its flowers
     dry = np.clip(fractal(rng, shape, 5, 4) - 0.35, 0, 1)[..., None] * (0.8 if meadow else 0.35)
     base = base * (1 - dry) + np.array((156, 140, 84), np.float32) * (1 + 0.3 * blade[..., None]) * dry
     if meadow:
@@ -496,12 +498,14 @@ def concrete_apron(looks: Looks) -> Skin:
     rng, n = looks.rng("apron"), 1024
     shape = (n, n)
     base = flat(shape, (168, 166, 158)) * (1 + 0.05 * fractal(rng, shape, 4, 6))[..., None]
+    # four slabs, each of its own tone, with dark joints
     for k in range(2):
         for m in range(2):
             base[k * n // 2 : (k + 1) * n // 2, m * n // 2 : (m + 1) * n // 2] *= rng.uniform(0.93, 1.05)
     for k in (0, n // 2):
         base[k : k + 4] = (62, 60, 58)
         base[:, k : k + 4] = (62, 60, 58)
+    # oil in patches, rubber in streaks
     oil = np.clip(fractal(rng, shape, 6, 4) - 0.85, 0, 1)[..., None]
     rubber = np.clip(noise(rng, shape, (90, 3)) - 0.7, 0, 1)[..., None]
     base = base * (1 - 0.5 * oil) * (1 - 0.35 * rubber) + grain(rng, shape, 4)

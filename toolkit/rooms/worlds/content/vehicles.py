@@ -246,6 +246,7 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
     angle = np.linspace(0, 2 * np.pi, 10, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], 1)
     disc = np.column_stack([ring * 0.7 * r, np.full(10, wide / 2 - 0.02)])
+    # the rim's picture, on a disc that fills the tyre
     face = Piece(
         disc.astype(np.float32),
         np.tile(np.array([0, 0, 1], np.float32), (10, 1)),

@@ -120,6 +120,7 @@ def build_intake(side: int, around: list[Side]) -> list[Part]:
     stations = np.linspace(INTAKE_BACK_X, 33.0, 22)
     outer = np.stack([nacelle_section(x, 0.15, lean * max(0.0, (x + 4) / 37)) for x in stations])
     lip_x = stations[-1]
+    # the lip turns inwards, and the duct narrows behind it
     inner = np.stack([
         outer[-1], nacelle_section(lip_x + 0.35, -0.2, lean), nacelle_section(lip_x + 0.2, -0.75, lean),
         nacelle_section(lip_x - 1.5, -1.1, lean),
@@ -358,11 +359,13 @@ def build_surfaces(side: int, sides: dict[str, Side]) -> list[Part]:
     """Wing, stabilator and fin of a side."""
     flat = [sides["top"], sides["bottom"]]
     wing = wing_net([(24, 4, -66, 5.2), (34.0, 22.4, -66, 5.0), (94, -48, -67, 2.2)])
+    # wing and stabilator droop towards their tips
     wing[..., 2] += 7.6 - 0.02 * (wing[..., 1] - 30)
     stabilator = wing_net([(28, -88, -128, 3.4), (40, -97, -131, 3.2), (70, -124, -136, 1.6)])
     stabilator[..., 2] += 5.6 - 0.03 * (stabilator[..., 1] - 28)
     fin = wing_net([(6, -75, -124, 3.6), (12, -78, -124, 3.4), (50, -110, -128, 1.8)])
     x, height, across = (fin[..., i] for i in range(3))
+    # fins are modelled flat, then canted outwards about their roots
     cant = np.radians(FIN_CANT_DEG)
     rise = height - 6
     fin = np.stack(

@@ -139,6 +139,7 @@ def make_dining_table(rng: np.random.Generator) -> Mesh:
 def make_bookcase(rng: np.random.Generator) -> Mesh:
     """Upright sides and shelves with a back, filled with books of many colours."""
     half, deep, high = draw(rng, 60, 100), draw(rng, 30, 42), draw(rng, 200, 260)
+    # now and then low and wide
     if chance(rng, 0.25):
         half, high = draw(rng, 100, 130), draw(rng, 120, 170)
     colour, rows = _frame_colour(rng), int(rng.integers(3, 6))
@@ -318,6 +319,7 @@ def _one_mushroom(rng: np.random.Generator, cap: Colour, spotted: bool) -> list[
     cream, gill = vary(rng, (236, 226, 204), 8), vary(rng, (206, 184, 150), 10)
     paint: Paint = scatter(rng, cap, [(246, 242, 232)], 60, 0.016) if spotted else cap
     drop = draw(rng, 0, 22)
+    # the cap, its rim lower than the middle of the gills
     over = [
         (radius - 4, high - drop - 2), (radius, high - drop), (radius * 0.94, high + rise * 0.4),
         (radius * 0.6, high + rise * 0.86), (0, high + rise),
@@ -514,11 +516,13 @@ def make_drum(rng: np.random.Generator) -> Mesh:
     shell = wood_grain(rng, colour) if chance(rng, 0.3) else decorate(rng, colour, "bright")
     parts = [revolve([(radius, 0), (radius, high)], 40, shell, "paint"), disc(radius + 1, high, skin, "matte", 40)]
     parts.append(disc(radius + 1, 0, skin, "matte", 40).rotated("x", 180))
+    # hoops at both ends
     for z in (0.0, high - 12.0):
         profile = [(radius, z), (radius + 6, z), (radius + 6, z + 13), (radius + 1, z + 13)]
         parts.append(
             revolve([*profile, (radius - 4, z + 10)], 40, hoop, "metal" if max(hoop) - min(hoop) < 60 else "paint")
         )
+    # cords between the hoops, straight or in a zigzag
     count, laced = int(rng.integers(6, 11)), chance(rng, 0.6)
     for k in range(2 * count if laced else count):
         turn = np.pi * k / count * (1 if laced else 2)

@@ -94,6 +94,7 @@ def _glass_house(foot: np.ndarray, top: np.ndarray, low: float, high: float, col
     """Windows with pillars between two outlines (4, 2), counter-clockwise from right behind, and the roof."""
 
     def shader(u: np.ndarray, v: np.ndarray, aspect: float) -> np.ndarray:
+        # u runs round the car: right side, front, left side, back; posts stand alike on both sides
         side, front = foot[1, 0] - foot[0, 0], foot[2, 1] - foot[1, 1]
         s = u * (2 * side + 2 * front)
         posts = np.zeros_like(s, dtype=bool)
@@ -314,6 +315,7 @@ def _cigar(rng: np.random.Generator) -> list[Part]:
                  (60, wide * 0.85, wide * 0.72, 30, 2.2), (110, wide * 0.62, wide * 0.5, 29, 2),
                  (124, wide * 0.44, wide * 0.34, 29, 2)],
                 paint)  # fmt: skip
+    # nose, cockpit, driver, screen and headrest
     grille = turned(cylinder(wide * 0.18, 122, 125, (20, 20, 22), "metal", 20), "y", 90)
     parts = [
         *body, *moved(grille, z=29),
@@ -321,12 +323,15 @@ def _cigar(rng: np.random.Generator) -> list[Part]:
     ]  # fmt: skip
     parts += [*_helmet(rng, -34, 62), ball(1, (150, 170, 180), "glass", 16, 8, (6, 15, 12)).moved(2, 0, 52)]
     parts += hull([(-74, 5, 8, 54, 2), (-46, 16, 26, 52, 2.2)], main, count=4, around=14)
+    # wire wheels on thin arms
     places = [(82, half, tyre - 2, 14), (-84, half, tyre, 18)]
     parts += wheels(places, pick_colour(rng, "steel"), int(rng.integers(12, 20)), 0.76)
     parts += _arms([(82, wide * 0.3, half, 14), (-84, wide * 0.3, half, 14)], tyre)
+    # exhaust pipes along both flanks
     for y in (1, -1):
         pipe = [(-10, y * wide * 0.5, 30), (-60, y * (wide * 0.5 + 4), 28), (-132, y * (wide * 0.4), 28)]
         parts += rod(pipe, 3.4, (176, 172, 164), "metal")
+    # numbers on the nose and the flanks
     roundel = moved([disc(13, 0, _number(rng), "paint", 20)], 60, 0, 31 + wide * 0.36)
     number = _number(rng)
     sides = [picture(24, 20, number).rotated("z", side * 90).moved(-50, side * wide * 0.5, 34) for side in (1, -1)]
@@ -414,13 +419,16 @@ def _delta_jet(rng: np.random.Generator) -> list[Part]:
     body = hull([(-118, wide * 0.7, wide * 0.7, 0, 2), (-60, wide, wide, 0, 2.4), (10, wide * 1.2, wide, 0, 2.6),
                  (60, wide * 0.72, wide * 0.8, 1, 2), (100, wide * 0.5, wide * 0.5, 0, 2), (150, 0.6, 0.6, -2, 2)],
                 skin)  # fmt: skip
+    # a delta wing, perhaps canards before it, and a single fin
     edge = root - 105
     half = wing((edge, 6, -3), (edge - root + draw(rng, 18, 34), span, -3), (root, draw(rng, 12, 26)), 5, skin)
     canards = wing((78, 6, 3), (58, draw(rng, 30, 40), 4), (24, 9), 3, main) if chance(rng, 0.6) else []
     fin = wing((-50, 0, 6), (-100, 0, draw(rng, 46, 62)), (66, 22), 4, skin, upright=True)
+    # intakes beside the fuselage, with dark mouths
     intakes = hull([(-20, 10, 16, 0, 4), (20, 14, 18, 0, 4), (44, 13, 17, 0, 4)], main, count=4)
     mouth = block((1, 10, 13), (44.5, 0, 0), (16, 16, 18))
     parts = [*body, *mirrored([*half, *canards, *moved([*intakes, *mouth], y=wide * 0.52)]), *fin]
+    # canopy, jet pipe, markings, stores, perhaps the gear
     parts.append(_canopy(66, wide * 0.36, 26, 8))
     parts += turned(cylinder(wide * 0.33, 117, 126, (60, 58, 58), "metal", 20, wide * 0.28), "y", -90)
     parts += _roundels(rng, -60, span * 0.5, 0.6, 22) if chance(rng, 0.6) else []
@@ -468,10 +476,12 @@ def _propeller_fighter(rng: np.random.Generator) -> list[Part]:
     wide, span = draw(rng, 26, 32), draw(rng, 110, 134)
     body = hull([(-118, 3, 8, 6, 2), (-60, wide * 0.6, wide * 0.75, 3, 2), (10, wide, wide * 1.15, 0, 2.2),
                  (70, wide * 0.95, wide, 0, 2.4), (92, wide * 0.7, wide * 0.75, 0, 2)], skin)  # fmt: skip
+    # straight wings, tailplane and fin
     half = wing((46, 6, -8), (28, span, draw(rng, 0, 8)), (54, 24), 7, skin)
     tail = wing((-84, 3, 8), (-94, 48, 8), (30, 16), 3, skin)
     fin = wing((-82, 0, 8), (-102, 0, 50), (38, 20), 3, skin, upright=True)
     nose = pick_colour(rng, "bright", "dark")
+    # spinner and blades
     spinner = turned([revolve([(wide * 0.32, 92), (wide * 0.26, 102), (2, 114), (0, 115)], 20, nose, "paint")], "y", 90)
     blades, count = [], pick(rng, (2, 3, 4))
     for k in range(count):
@@ -569,10 +579,12 @@ def _orbiter(rng: np.random.Generator) -> list[Part]:
                  (80, wide * 0.84, wide * 0.8, -3, 2.6),
                  (98, wide * 0.4, wide * 0.4, -7, 2.2), (105, 1, 1, -8, 2)], paint, count=26)  # fmt: skip
     half, glove, span = [], draw(rng, 30, 46), draw(rng, 64, 80)
+    # wings with a glove before them, white above and black below
     for z, colour in ((-10, white), (-12.5, black)):
         half += wing((10, wide * 0.4, z), (-46, span, z), (96, 34), 3, colour)
         half += wing((10 + glove, wide * 0.36, z), (-10, wide * 0.95, z), (70, 60), 3, colour)
     fin = wing((-50, 0, wide * 0.4), (-92, 0, wide * 0.4 + draw(rng, 46, 58)), (46, 22), 5, white, upright=True)
+    # manoeuvring pods beside the fin, and three main engines
     pods = hull([(-98, 8, 10, 0, 2), (-80, 14, 16, 0, 2.4), (-50, 3, 4, -3, 2)], white, count=8, around=12)
     bell = turned([revolve([(4, 0), (6, 6), (9, 16), (7.5, 16), (3, 2)], 16, (70, 66, 66), "metal")], "y", -90)
     engines = [part.moved(-90, y, z) for part in bell for y, z in ((0, 8), (9, -6), (-9, -6))]

@@ -167,6 +167,7 @@ def make_teapot(rng: np.random.Generator) -> Mesh:
     trim = pick(rng, (colour, shade(colour, 0.6), pick_colour(rng, "ceramic", "dark")))
     foot, neck = belly * draw(rng, 0.5, 0.68), belly * draw(rng, 0.42, 0.56)
     full = draw(rng, 0.4, 0.55) * high
+    # from the foot over the belly to the neck
     wall = [(foot, 0), (foot, 3), (belly * 0.9, full * 0.5), (belly, full), (belly * 0.88, full + (high - full) * 0.6),
             (neck, high)]  # fmt: skip
     lid = [(neck + 2, high), (neck + 1, high + 4), (neck * 0.6, high + 13), (4, high + 17)]
@@ -174,6 +175,7 @@ def make_teapot(rng: np.random.Generator) -> Mesh:
     parts = [body, lathe(lid, trim, "ceramic", 10), *_knob(rng, high + 17, draw(rng, 6, 10), trim, "ceramic")]
     tip = belly + draw(rng, 40, 60), high * draw(rng, 0.85, 1.05)
     parts += _spout((belly * 0.86, full * 0.7), tip, (draw(rng, 13, 17), draw(rng, 6, 8)), colour, "ceramic", 0.25)
+    # a bail over the top, or an ear behind
     if chance(rng, 0.25):
         over = arc((0, high * 0.8), (belly * 0.8, draw(rng, 75, 95)), 8, 172)
         parts += rod(over, 4.5, pick_colour(rng, "wood", "dark", "brass"), "wood")
@@ -196,6 +198,7 @@ def make_pitcher(rng: np.random.Generator) -> Mesh:
 
     def draw_lip(points: np.ndarray) -> np.ndarray:
         angle = np.arctan2(points[:, 1], points[:, 0])
+        # the rim is pushed out over the spout, less below and to the sides; the axis stays
         high_up = np.clip((points[:, 2] / high - 0.72) / 0.28, 0, 1) ** 2
         share = np.exp(-((angle / 0.42) ** 2)) * high_up * (np.hypot(points[:, 0], points[:, 1]) > mouth * 0.4)
         return points + share[:, None] * np.array([reach, 0, lift])
@@ -231,6 +234,7 @@ def make_vase(rng: np.random.Generator) -> Mesh:
     full, pinch = draw(rng, 0.35, 0.68), draw(rng, 0.3, 0.55)
     mouth = belly * draw(rng, pinch + 0.1, 0.85)
     foot = belly * draw(rng, 0.45, 0.7)
+    # foot, belly, pinched neck, flared mouth
     outline = smooth_curve(
         [(foot, 0), (foot * 0.95, 6), (belly * 0.86, high * full * 0.55), (belly, high * full),
          (belly * pinch, high * 0.88), (mouth, high)], 30,
@@ -253,6 +257,7 @@ def _flowers(rng: np.random.Generator, z: float, width: float, reach: float) -> 
     for k in range(count):
         bearing = 2 * np.pi * k / count + draw(rng, -0.4, 0.4)
         lean, rise = draw(rng, 0.15, 0.6) * reach, reach * draw(rng, 0.6, 1)
+        # stems lean out of the mouth, each on its own side
         base = np.array([np.cos(bearing), np.sin(bearing), 0]) * width * 0.6
         tip = np.array([np.cos(bearing) * lean, np.sin(bearing) * lean, rise])
         stem = [base + np.array([0, 0, z - 30]), base + tip * 0.5 + [0, 0, z], base + tip + [0, 0, z]]
@@ -341,6 +346,7 @@ def make_frying_pan(rng: np.random.Generator) -> Mesh:
     parts = vessel(outline, 3, colour, inside, material, segments=40, floor=4.0, content=content)
     reach, grip = draw(rng, 130, 190), pick_colour(rng, "dark", "wood") if chance(rng, 0.7) else colour
     rise = draw(rng, 4, 30)
+    # the handle rises from the rim, thicker towards its end
     path = [
         (radius - 2, 0, high * 0.75), (radius + 0.3 * reach, 0, high + rise * 0.5), (radius + reach, 0, high + rise),
     ]  # fmt: skip
@@ -459,11 +465,13 @@ def make_milk_can(rng: np.random.Generator) -> Mesh:
     material = "metal" if max(metal) - min(metal) < 30 else "paint"
     dark = shade(metal, 0.75)
     body = [(0.0, 0.0), (radius + 2, 0.0), (radius + 2, 6.0), (radius, 7.0)]
+    # two hoops round the wall
     for z in (wall_top * 0.3, wall_top * 0.7):
         body += [(radius, z - 3), (radius + 2, z), (radius, z + 3)]
     body += [(radius, wall_top), (neck, neck_low), (neck, high - 18)]
     lid = [(neck + 2, high - 18), (neck + 8, high - 10), (neck + 9, high - 4), (neck * 0.6, high), (0, high + 2)]
     ears = []
+    # ears from neck to shoulder
     for side in (1, -1):
         loop = [
             (0, side * neck, neck_low + 6), (0, side * (neck + 26), neck_low + 2),
@@ -510,6 +518,7 @@ def _nog_carton(rng: np.random.Generator) -> list[Part]:
     front = label(paper, vary(rng, CREAM if paper != FESTIVE[2][0] else FOAM, 6), ink if ink[0] < 200 else paper,
                   pick(rng, NAMES),
                   (0.125, 0.375, 0.625, 0.875), 0.2, (0.25, 0.75))  # fmt: skip
+    # a gable roof: its ridge runs across, closed by the flap above it
     ridge = np.array([(-half, 0), (half, 0), (half, 0), (-half, 0), (-half, 0)]) * [1, 0]
     roof = [rows[1], np.c_[ridge * [0.999, 1] + ring * [0, 0.03], np.full(5, high + gable)]]
     cap = cylinder(12, 0, 12, pick_colour(rng, "bright"), "plastic", 16)
@@ -528,6 +537,7 @@ def _nog_jug(rng: np.random.Generator) -> list[Part]:
     rows = []
     for share, z in ((0.9, 0), (1, 0.05), (1, 0.14), (1, 0.5), (1, 0.56), (0.78, 0.72), (0.34, 0.88), (0.34, 0.95)):
         angle = np.linspace(np.pi, 3 * np.pi, 33)
+        # a square with round corners
         round_off = np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle))) ** 0.75
         rows.append(np.stack([half * share / round_off * np.cos(angle), half * share / round_off * np.sin(angle),
                               np.full(33, z * high)], 1))  # fmt: skip
