@@ -374,12 +374,14 @@ def take_shots(
             if not is_finished(source_dir, known.get(path), shot.key)
             and not _copy_stored(shot, stored or {}, source_dir)
         }
+        # images that fit the plan again count again
         for path in wanted.keys() - missing.keys():
             if path in known and LEFT_OUT in known[path].made:
                 append_record(source_dir, without_mark(known[path]))
         sizes = [shot.camera.width * shot.camera.height for shot in missing.values()]
         if cost := describe_cost(settings.renderer, sizes):
             errors.print(f"note: {cost}", markup=False, soft_wrap=True)
+        # an image and its line are written as soon as it is shot: interrupted runs resume
         units = _list_units(workspace, missing, settings, planned)
         ran = run_resumable("shooting", wanted, missing, units, keep, engine or InProcess(), source_dir, bar=bar)
         records = read_manifest(source_dir)

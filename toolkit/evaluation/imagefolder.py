@@ -61,6 +61,7 @@ def write_imagefolder(
     before = _list_written(folder)
     rows, left_out = list[Row](), len(found.faults)
     for capture in found.captures:
+        # only images that open are copied
         try:
             with open_image(capture.file):
                 pass

@@ -82,6 +82,7 @@ def print_tags(wanted: OwnSettings, page: PrintSettings, folder: Path) -> Printe
             pdf.rects(black_rects(marker_modules(dictionary, marker_id)) * side, side)
         pdf.text(f"{name} id {marker_id}, {side:g} mm", x + width / 2, y + 2.0, 2.6, room_mm=width, align="centre")
 
+    # copies on a page are drawn in order, each with the next number
     waiting = iter(ids)
     sheets: list[tuple[PagePlan, Draw]] = [(plan, lambda x, y: draw(next(waiting), x, y))]
     if not isinstance(plan.pages[0], CopiesPage):  # larger than a page: tiled, and each tag has its own pages

@@ -159,6 +159,7 @@ def _rig(workspace: Workspace, counts: RenderCounts) -> DataSource:
     specs = {name: (file, read_spec(file)) for name, file in files.items()}
     units: list[tuple] = []
     keys: list[Any] = [_hash_code()]
+    # the source's key: code that renders, spec and mesh of each object
     for name, (file, spec) in specs.items():
         if isinstance(spec.class_name, int):
             raise ToolkitError(

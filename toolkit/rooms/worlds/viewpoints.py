@@ -224,6 +224,7 @@ def plan_flight(world: World, viewpoints: tuple[Viewpoint, ...], seed: int = 0) 
     middle = np.append(world.core.mean(axis=0), 0.0)
     half = np.append(np.ptp(world.core, axis=0) / 2, 0.0)
     rng = np.random.default_rng([seed, 61])
+    # high over a corner of the core at the start, and over the opposite corner at the end
     corner = half * [*rng.choice([-0.55, 0.55], 2), 0]
     rise = min(HEIGHTS_M[-2], 0.35 * float(half.max()) + 12)
     stops = [
@@ -233,6 +234,7 @@ def plan_flight(world: World, viewpoints: tuple[Viewpoint, ...], seed: int = 0) 
     ]
     # streets by their distance from the start: the film does not fly back and forth
     order = [0, *sorted(range(1, len(stops) - 1), key=lambda k: float(np.linalg.norm(stops[k] - stops[0]))), -1]
+    # from stop to stop through free cells, then a point a metre
     nodes = [grid.nearest(stops[k]) for k in order]
     way = [nodes[0]]
     for goal in nodes[1:]:

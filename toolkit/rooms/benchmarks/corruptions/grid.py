@@ -147,6 +147,7 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine
     lost = {cell.condition for cell in cache.find_missing(wanted).values()}
     if lost >= set(grid.config.conditions):
         raise ToolkitError(ran.failed[0][1])
+    # ranks of all shards, in their order
     cells = [
         CellRanks(
             variant.name, recogniser.name, recogniser.kind, *condition,

@@ -118,6 +118,7 @@ def draw_curves(results: WorldResults, summary: Summary) -> bytes:
         panel.set_axisbelow(True)
         panel.set_xticks(range(len(bins)), [_name_bin(axis, *interval) for interval in bins], fontsize=7.5, rotation=40)
         panel.set_xlabel(title, fontsize=9)
+    # five axes in six panels: the last holds the legend
     handles, labels = panels[0].get_legend_handles_labels()
     panels[-1].axis("off")
     panels[-1].legend(handles, labels, frameon=False, loc="center", fontsize=9)
