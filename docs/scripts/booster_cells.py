@@ -1,4 +1,4 @@
-"""What a workspace's runs say of its boosters, set by set, in one table: booster_cells.py CSV WORKSPACE [SWEEPS].
+"""Write the results of a workspace's runs into one table, set by set: booster_cells.py CSV WORKSPACE [SWEEPS].
 
 Each run in WORKSPACE/eval is one of `toolkit eval captures`: of sets as they are rendered, `captures/sim-SET`, and
 through the whole chain, `captures/sim-SET-rehearsed`; those that are no set, `captures/sim`.

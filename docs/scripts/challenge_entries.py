@@ -25,7 +25,7 @@ from toolkit.rooms.benchmarks.patch_sets.baselines.make import make_baseline
 
 ROOT = DOCS.parent
 N_PX = 100
-"""Of a baseline: as many as the shipped patches have."""
+"""Boosters of a baseline: as many as the shipped patches."""
 BASELINES = {
     "best-image": "The training image of the class that ResNet-18 is surest of.",
     "fixed-pattern": "A pattern of Gaussian noise, drawn by seed and class: the paper's, D.2.",
@@ -66,7 +66,7 @@ def main(folder: str, photographs: str | None = None) -> None:
 
 
 def copy(source: Path, target: Path) -> None:
-    """What is not there yet."""
+    """The entries that are missing."""
     shutil.copytree(source, target, dirs_exist_ok=True)
 
 

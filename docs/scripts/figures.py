@@ -61,7 +61,7 @@ def read_predictions(space: Workspace, run: str) -> list[dict[str, str]]:
 def draw_pairs(
     space: Workspace, rows: list[dict[str, str]], names: Sequence[str] = BUILTIN, boosted: str = "patched"
 ) -> Image.Image:
-    """Per object the first pose at which bare and boosted differ, else pose 1: bare above, boosted below."""
+    """Draw each object without its booster above and with it below, at the first pose that changes, else at pose 1."""
     sheet, font = make_sheet(len(names), 2), read_font("plain", LETTER_PX)
     for column, name in enumerate(names):
         by_pose: dict[int, dict[str, dict[str, str]]] = {}
@@ -181,7 +181,7 @@ def photograph_studio(space: Workspace, target: Path) -> bool:
 
 
 def draw_textures(space: Workspace, rows: list[dict[str, str]], font: ImageFont.FreeTypeFont) -> Image.Image:
-    """Per object one pose: bare, in its texture, and in its texture in fog, with the network's first guess."""
+    """Draw one pose of each object: unmodified, in its texture, and in fog, with the network's first guess."""
     views = ((CLEAR, "unpatched"), (CLEAR, "textured"), (FOGGY, "textured"))
     sheet = make_sheet(len(BUILTIN), len(views))
     for column, name in enumerate(BUILTIN):
@@ -199,7 +199,7 @@ def draw_textures(space: Workspace, rows: list[dict[str, str]], font: ImageFont.
 
 
 def draw_looks(space: Workspace, font: ImageFont.FreeTypeFont) -> Image.Image:
-    """The object of a texture that keeps its looks: bare, in that texture, and in the shipped one, from two places."""
+    """Draw an object from two places: unmodified, in the texture that keeps its looks, and in the shipped texture."""
     kept = read_texture(NEAR)
     name = kept.record.name
     item = load_object(space.object_spec(name))
@@ -241,7 +241,7 @@ def draw_figures(space: Workspace, figures: Path, run: str) -> None:
 
 
 def main(folder: str, run: str, file: str) -> None:
-    """Objects that are not of the kit: bare, and in their textures."""
+    """Draw third-party objects, unmodified and in their textures."""
     space = open_workspace(Path(folder))
     rows = read_predictions(space, run)
     draw_pairs(space, rows, sorted({row["object"] for row in rows}), TEXTURED).save(file, quality=88)

@@ -40,7 +40,7 @@ PERCENT = "\N{NO-BREAK SPACE}%"
 
 
 class Findings:
-    """The tables, and the ways in which the page says a number.
+    """The tables, and the forms of a number on the page.
 
     Args:
         folder: with the CSV files.
@@ -98,7 +98,7 @@ def _say_role(run: Row) -> str:
 
 
 def say_share(row: Row) -> str:
-    """`39 of 72 (54 %, 43–65 %)`: right, images, share, 95 % interval."""
+    """Return correct images, all images, share and 95 % interval, such as `39 of 72 (54 %, 43–65 %)`."""
     low, high = (f"{100 * float(row[key]):.0f}" for key in ("top1_low", "top1_high"))
     return f"{row['correct']} of {row['n']} ({percent(row['top1'])}{PERCENT}, {low}–{high}{PERCENT})"
 

@@ -1,4 +1,4 @@
-"""What a landing's regressor sees: two pads from 5 m on grass and on a roof of the city, in several airs.
+"""Draw the images of a landing's regressor: two pads from 5 m, on grass and on a roof, in several weathers.
 
 Called as landing_pads.py PNG WORKSPACE PAD; PAD is one of WORKSPACE/print/pads, beside the plain one.
 """

@@ -45,7 +45,7 @@ Image.fromarray(np.vstack([read_row("unpatched"), read_row("patched")]))""",
 table = tk.predictions_table(result).astype({"true_prob": float})
 table.pivot_table("true_prob", "pose_id", "variant")[["unpatched", "grey-patch", "patched"]].round(2)""",
 }
-"""What is looked at after the cells whose titles begin so."""
+"""Files shown after the cells whose titles begin so."""
 
 
 def read_cells(example: Path) -> list[nbformat.NotebookNode]:
@@ -65,7 +65,7 @@ def read_cells(example: Path) -> list[nbformat.NotebookNode]:
 
 
 def execute(cells: list[nbformat.NotebookNode], folder: Path) -> None:
-    """Run the code in a folder and put what it says and shows into the cells.
+    """Run the code in a folder and put its output and pictures into the cells.
 
     Raises:
         RuntimeError: a cell fails.

@@ -1,4 +1,4 @@
-"""What is measured on photographs by others, into docs/records/photographs: python docs/scripts/photographs.py PART.
+"""Measure photographs by others, into docs/records/photographs: python docs/scripts/photographs.py PART.
 
 The photographs lie in a folder beside the repository (`../shared`); none of them comes into it.
 """
@@ -362,7 +362,7 @@ CHANGES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "5 % brighter": lambda image: brighten(image, (1.05, 1.05, 1.05)),
     "5 % bluer": lambda image: brighten(image, (1.0, 1.0, 1.05)),
 }
-"""What two photographs by one hand differ in, each alone; of 2016 × 1512 pixels."""
+"""Differences between two photographs by one hand, each alone, in 2016 × 1512 pixels."""
 
 
 def check_stickers() -> dict[str, object]:

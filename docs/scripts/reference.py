@@ -1,4 +1,4 @@
-"""What the pages take from the code: commands from the command line, fields of files from the models that read them.
+"""The parts of pages that come from the code: commands from the command line, fields of files from their models.
 
 A page says where, and `make reference` writes what stands between: `<!-- commands -->` … `<!-- end -->`. There are also
 `<!-- fields: toolkit.objects.spec.ObjectSpec -->`, `<!-- names -->`, `<!-- modules -->` and `<!-- layers -->`.
@@ -35,7 +35,7 @@ PART = re.compile(
 
 
 def main() -> None:
-    """Write the parts of every page anew."""
+    """Write the parts of every page again."""
     for file in list_pages():
         file.write_text(fill_page(file.read_text(encoding="utf-8")), encoding="utf-8")
 
@@ -47,7 +47,7 @@ def list_pages() -> list[Path]:
 
 
 def fill_page(markdown: str) -> str:
-    """A page with its parts made anew."""
+    """Return a page with its parts made again."""
 
     def write(found: re.Match[str]) -> str:
         begin = found[0].split("\n", 1)[0]
@@ -62,6 +62,20 @@ def on_post_build(config: Any, **_: object) -> None:
     write_text(
         Path(config["site_dir"]) / "llms.txt", write_index(config["site_name"], config["site_description"], pages)
     )
+
+
+THEME_FAULTS = re.compile(r' tabindex=""|(?<=id="__drawer") autocomplete="off"|(?<=id="__search") autocomplete="off"')
+"""Attributes of the theme that HTML does not allow there."""
+
+
+def on_post_page(output: str, **_: object) -> str:
+    """Return a page of the site as valid HTML."""
+    return THEME_FAULTS.sub("", output)
+
+
+def on_post_template(output_content: str, **_: object) -> str:
+    """Return `404.html` as valid HTML; files of the theme that are no pages stay as they are."""
+    return THEME_FAULTS.sub("", output_content)
 
 
 def _list_pages(entry: dict[str, Any]) -> Iterator[str]:
@@ -123,7 +137,7 @@ def _name_group(command: Any) -> str:
 
 
 def _write_command(name: str, listed: Any) -> Iterator[str]:
-    """Usage, help, a table of its own options, and a line of those that every command has."""
+    """Return usage, help, a table of the command's own options, and a line of the shared options."""
     context = listed.make_context(name, [], resilient_parsing=True)
     command = context.command  # the whole one: what is listed may know its name alone
     parameters = [one for one in command.get_params(context) if one.name != "help"]

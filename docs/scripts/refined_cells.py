@@ -1,4 +1,4 @@
-"""What each way of training is worth to networks that did not train: refined_cells.py CSV WORKSPACE, see run-refined.
+"""Compare ways of training on networks that were not trained: refined_cells.py CSV WORKSPACE, see run-refined.
 
 Each run in WORKSPACE/eval is one of `toolkit eval captures`, with sources `sim-FORM-FILL`. A form is compared with the
 bare object, and with the form `plain`, pose by pose. Forms of the CSV that were not run again stay. The workspace's

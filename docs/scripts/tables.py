@@ -24,7 +24,7 @@ TABLES = DOCS / "results"
 BENCHMARKS = ("photographs", "held", "cifar", "robust", "ablation")
 """Runs of the corruption benchmark whose `summary.json` lies in `records/benchmark`."""
 BOOSTERS = BOOSTED | {WRAP.variant: "wrap"}
-"""What the tables call the boosted variants."""
+"""Names of the variants with a booster in the tables."""
 Row = dict[str, Any]
 
 
@@ -174,14 +174,14 @@ def list_groups(run: str, summary: dict[str, Any]) -> Iterator[Row]:
 
 
 def list_pairs(run: str, summary: dict[str, Any]) -> Iterator[Row]:
-    """One row per source, object and variant, against the bare object at the same pose."""
+    """Return a row for each source, object and variant, against the unmodified object at the same pose."""
     for pair in summary["pairs"]:
         names = {key: pair[key] for key in ("source", "object", "variant", "n_pairs", "gained", "lost", "mcnemar_p")}
         yield {"run": run, **names}
 
 
 def list_changes(run: str, summary: dict[str, Any]) -> Iterator[Row]:
-    """The rows of `list_pairs` with how many of the pairs are right, bare and boosted."""
+    """Return the rows of `list_pairs` with the correct images of the pairs, without the booster and with it."""
     right = {(one["source"], one["object"], one["variant"]): one["correct"] for one in list_groups(run, summary)}
     for pair in list_pairs(run, summary):
         source, name, variant = pair["source"], pair["object"], pair["variant"]
@@ -219,7 +219,7 @@ def list_sweeps(space: Workspace) -> Iterator[Row]:
 
 
 def describe_patch(patch_set: str | None, record: PatchRecord) -> Row:
-    """What a patch was trained on and how well it prints."""
+    """Return a patch's training data and its print scores."""
     settings = record.settings
     return {
         "patch": record.name if patch_set is None else f"{patch_set}/{record.name}", "n_px": record.n_px,
@@ -233,7 +233,7 @@ def describe_patch(patch_set: str | None, record: PatchRecord) -> Row:
 
 
 def describe_texture(record: TextureRecord) -> Row:
-    """What a texture reached on held-out views by its first network, in studio light and in fog, and bare."""
+    """Return a texture's accuracy on held-out views of its first network, clear and in fog, with it and without."""
     networks, final = [one.arch for one in record.networks], record.final
     shares = {
         f"{paint}_{weather}": final[f"{networks[0]}_{place}_{of}_top1"]

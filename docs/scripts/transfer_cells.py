@@ -1,4 +1,4 @@
-"""What several networks say of sets of boosters, clear and corrupted, in one table.
+"""Write the predictions of several networks for sets of boosters, clear and corrupted, into one table.
 
 Called as transfer_cells.py CSV SET=WORKSPACE … MATRIX …: each run in WORKSPACE/eval is of one network, by
 `toolkit eval captures --corrupt common` of the plan, bare and boosted; each MATRIX is a `matrix.json` of
@@ -27,7 +27,7 @@ KEY = ("set", "network", "booster", "air", "object")
 
 
 def read_run(run: str, summary: dict[str, Any]) -> Iterator[Row]:
-    """Rows of a run: each object and all of them in clear air and in fog 3, and over the 75 corruptions at once."""
+    """Return the rows of a run: each object and all, in clear conditions, in fog 3 and over all 75 corruptions."""
     model, seen = summary["model"], {one["variant"] for one in summary["boosters"] if one["seen"]}
     pooled: dict[tuple[str, str], Row] = defaultdict(lambda: dict.fromkeys(COUNTS, 0))
     cells: set[str] = set()

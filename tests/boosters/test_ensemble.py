@@ -278,9 +278,9 @@ def test_hashes_and_records_name_what_acts_and_nothing_else():
         len({plain, *(PATCHES.key(*list_patch_inputs(tiny_config(**one), "jet", networks, "")) for one in choices)})
         == 6
     )
-    assert "jitter" not in " ".join(tiny_config().lines(["a"]))
-    said = " ".join(tiny_config(jitter=Jitter(), momentum=0.9, objective="logit").for_networks(2).lines(["a", "b"]))
-    assert all(word in said for word in ("jitter", "0.9", "logit", "ensemble"))
+    assert "jitter" not in dict(tiny_config().rows())
+    said = dict(tiny_config(jitter=Jitter(), momentum=0.9, objective="logit").for_networks(2).rows())
+    assert "jitter" in said and (said["momentum"], said["objective"], said["ensemble"]) == ("0.9", "logit", "turns")
 
 
 def test_a_run_on_two_networks_says_how_they_were_joined(tmp_path):

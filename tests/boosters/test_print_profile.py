@@ -120,7 +120,7 @@ def test_the_profile_is_recorded_listed_and_makes_another_run(tmp_path):
     settings = json.loads(json.dumps(own.record()))
     assert settings["print_process"]["name"] == "copier" and len(settings["print_process"]["sha256"]) == 64
     assert settings["print_process"]["coefficients"] == [list(row) for row in profile().coefficients]
-    line = next(line for line in own.lines(["net"]) if line.strip().startswith("print"))
+    line = dict(own.rows())["print process"]
     assert "as measured, profile copier" in line and "ΔE00 1.2" in line
     other = profile(coefficients=tuple((r + 0.001, g, b) for r, g, b in profile().coefficients))
     write_print_profile(tmp_path / "other.json", other)

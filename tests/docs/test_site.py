@@ -30,6 +30,13 @@ def test_nothing_is_fetched(site: Path) -> None:
         assert not re.search(r"url\(\"?(?:https?:)?//", sheet.read_text(encoding="utf-8")), sheet.name
 
 
+def test_the_themes_faults_are_mended(site: Path) -> None:
+    """The Nu checker refuses both: an empty tabindex, and autocomplete of a checkbox."""
+    for page in site.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert 'tabindex=""' not in text and not re.search(r'type="checkbox"[^>]*autocomplete', text), page.name
+
+
 def test_pages_have_what_the_code_says(site: Path) -> None:
     commands = (site / "reference/commands.html").read_text(encoding="utf-8")
     assert 'id="toolkit-train-patch"' in commands and "--recipe" in commands

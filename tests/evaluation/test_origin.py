@@ -52,9 +52,15 @@ def test_a_result_states_what_it_rests_on(workspace, put, colour_classifier, cap
     assert "What this rests on" in page and "1 image set aside" in page and "Was a folder or file renamed" in page
     from rich.console import Console
 
+    from toolkit.core.console import verbosely
+
     print_tables(Console(width=120), done)
     said = capsys.readouterr().out
     assert "images: 15 counted; 1 set aside: manifest.jsonl lists this picture in another place\n" in said
+    assert "no control was shot (sim): the report says how" in said and "rendered by" not in said
+    with verbosely():
+        print_tables(Console(width=120), done)
+    said = capsys.readouterr().out
     assert "sim: 15 images, compared with manifest.jsonl; rendered by raycast, studio light; no controls" in said
 
 

@@ -1,6 +1,7 @@
 """Pooled rows: the booster and the bare object on the same pairs, and objects of unequal size said."""
 
 import json
+from itertools import product
 
 import pytest
 from rich.console import Console
@@ -9,7 +10,7 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.evaluation.tables import build_tables
+from toolkit.evaluation.tables import build_tables, print_tables
 
 
 @pytest.fixture
@@ -58,3 +59,27 @@ def test_a_pooled_test_of_unequal_objects_says_so(put, workspace, colour_classif
     note = "sim: objects have unequal numbers of pairs (racer 3, warplane 5); in row 'all' of patched against unpatched"
     assert any(one.startswith(note) for one in found.summary["notes"])
     assert note.replace("'", "&#39;") in found.report_file.read_text()
+
+
+def test_the_terminal_shows_the_verdict_first_and_few_rows(put, workspace, colour_classifier, capsys):
+    boosters = ["patched", "textured", "grey-patch", "wrong-patch"]
+
+    def show(variants):
+        for name, pose in product(("racer", "warplane"), (1, 2)):
+            put(f"sim/{name}/unpatched/{pose}.png", "racer" if name == "warplane" else "warplane")
+            for variant in variants:
+                put(f"sim/{name}/{variant}/{pose}.png", name)
+        config = EvalConfig(run="few", replace=True, saliency=False)
+        print_tables(
+            Console(width=100), evaluate_captures(workspace.captures_dir, workspace, colour_classifier, config)
+        )
+        return capsys.readouterr().out.splitlines()
+
+    lines = show(boosters[:1])
+    assert lines[0].startswith("sim: ") and "of 4 " in lines[0] and len(lines) <= 12
+    rows = [line.split() for line in lines if "→" in line and not line.startswith("sim: ")]
+    assert [row[:2] for row in rows] == [["racer", "patched"], ["warplane", "patched"], ["all", "patched"]]
+    assert rows[-1][2:] == ["0", "→", "4", "of", "4", "4", "0", "0.12"]
+    lines = show(boosters)
+    assert next(line.split()[0] for line in lines if "→" in line and not line.startswith("sim: ")) == "all"
+    assert not [line for line in lines if line.startswith("racer")] and len(lines) <= 20

@@ -86,7 +86,7 @@ def test_a_sheet_that_does_not_lie_is_named(space):
     file = space.objects_dir / "crate.toml"
     file.write_text(file.read_text().replace("size_mm = 25", "size_mm = 46"))
     said = " ".join(call(print_patches, "--object", "crate").output.split())
-    assert "crate: sheet 2, a patch of 46 mm does not lie on its left" in said
+    assert "crate: sheet 2, a patch of 46 mm does not fit flat on its left" in said
 
 
 def test_the_shot_list_draws_the_place_of_each(space):

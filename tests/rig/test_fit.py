@@ -37,7 +37,7 @@ def test_a_stick_is_no_place_and_its_left_is_one(make_box):
     stick = as_object(make_box((60.0, 20.0, 120.0)))
     fit = measure_fit(stick, 50)
     assert not fit.lies and fit.overhang > 0.4
-    assert "'toolkit place --object box' shows where one lies" in describe_misfit(stick, 50)
+    assert "'toolkit place --object box' shows where one fits" in describe_misfit(stick, 50)
     assert describe_misfit(replace(stick, spec=stick.spec.with_mounts([PatchMount(at="left")])), 50) is None
 
 
@@ -49,7 +49,9 @@ def test_a_patch_over_half_of_the_object_is_told(make_box):
 def test_the_shipped_objects_wear_their_sheets_and_are_framed_as_before(tmp_path):
     space = Workspace(tmp_path)
     (line,) = list_misfits(space, ["racer", "warplane", "coffeepot", "eggnog"])
-    assert line.startswith("coffeepot: a patch of 88 mm does not lie on its top"), "over the lid's rim: said as of all"
+    assert line.startswith("coffeepot: a patch of 88 mm does not fit flat on its top"), (
+        "over the lid's rim: said as of all"
+    )
     eggnog = load_object(space.object_spec("eggnog"))
     assert sheet_points(space, eggnog) is None
     assert measure_fit(eggnog, 88.2).lies  # round the wall of a carton
@@ -86,7 +88,7 @@ def test_the_commands_say_so(tmp_path, make_crate_space, monkeypatch):
         assert result.exit_code == 0, result.output
         return " ".join(result.output.split())
 
-    expected = "crate: a patch of 40 mm does not lie on its top"
+    expected = "crate: a patch of 40 mm does not fit flat on its top"
     assert expected in said(print_patches, "--object", "crate")
     assert expected in said(plan, "--object", "crate", "--fill", "0.95", "--resolution", "96", "72")
     write_plan(space.plan_file, make_plan([item], Camera.from_fov(96, 72), Pattern(count=2, fill=0.95)))

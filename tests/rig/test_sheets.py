@@ -138,7 +138,7 @@ def test_a_thin_plate_is_between_its_two_sides(make_box):
 def test_which_sheet_does_not_lie_is_said(space, crate):
     assert describe_misfits(crate, mounted_sizes_mm(space, crate)) == []
     (line,) = describe_misfits(crate, (40, 46))
-    assert "crate: sheet 2, a patch of 46 mm does not lie on its left" in line, line
+    assert "crate: sheet 2, a patch of 46 mm does not fit flat on its left" in line, line
     with pytest.raises(ToolkitError, match="crate, sheet 2: a patch of 70 mm is over half"):
         mount_sheets(crate.mesh, PX, crate.spec.mounts, (40, 70), "crate")
     twice = TableObject(crate.spec.with_mounts([TOP, TOP]), crate.mesh)

@@ -11,10 +11,14 @@ from PIL import Image, ImageDraw, ImageFont
 from pydantic import BaseModel
 
 from toolkit import __version__
+from toolkit.boosters.detectors import describe_targets
 from toolkit.boosters.pixel_config import PixelConfig
 from toolkit.boosters.pixels import PixelTask, Target, record_network
-from toolkit.boosters.validation import Validation, list_shares
+from toolkit.boosters.validation import MOST_NAMED, Validation, list_shares
+from toolkit.core.config import align_rows
+from toolkit.core.console import is_verbose
 from toolkit.core.files import write_bytes
+from toolkit.core.text import list_some
 from toolkit.core.work import INPUTS, find_made
 from toolkit.imaging.read import encode_image
 from toolkit.models.predict import predict
@@ -114,6 +118,32 @@ class BoosterTask(PixelTask[Trained]):
             "settings": settings | {INPUTS: self.key}, "final": final,
             "toolkit_version": __version__,
         }  # fmt: skip
+
+
+def introduce(
+    kind: str, config: PixelConfig, size_px: int, targets: Sequence[Target], more: Sequence[tuple[str, str]] = ()
+) -> list[str]:
+    """Return what is trained, and the recipe with its changes; if the console is verbose, also every setting.
+
+    Args:
+        kind: `patch`, `texture` or `wrap`.
+        config: with its steps counted.
+        size_px: side of the booster.
+        targets: the networks and their classes.
+        more: (name, value) of what is known beside the settings.
+    """
+    names, plain = describe_targets(targets), [target.classifier.name for target in targets]
+    # networks with a part of their own come first, so that they are named
+    names.sort(key=plain.__contains__)
+    line = (
+        f"training a {kind} for class {targets[0].label}: {size_px} × {size_px} px, {config.steps} steps of "
+        f"{config.batch} images, on {list_some(names, MOST_NAMED)}"
+    )
+    recipe = f"recipe: {config.recipe}{config.changes and f', with {config.changes}'}"
+    if not is_verbose():
+        return [line, recipe]
+    weather = [] if config.weather is None else config.weather.lines()
+    return [line, recipe, *align_rows([("networks", ", ".join(names)), *more, *config.rows()]), *weather]
 
 
 def train_booster(

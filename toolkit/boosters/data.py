@@ -350,11 +350,12 @@ FEW_IMAGES = 32
 
 
 def describe_data(data: TrainingData) -> None:
-    """Say what there is to train on."""
-    for source in data.record["sources"]:
+    """Print what is taken of folders; of renders there are as many as are asked for."""
+    folders = [source for source in data.record["sources"] if not is_rig_source(source["source"])]
+    for source in folders:
         what = "of the class" if source["use"] == "class" else "as backgrounds, whatever they show"
         notice(f"data: {source['used']} of {source['found']} images from {source['source']}, {what}")
     if not data.is_held_out:
         notice("data: there is one image only: it serves for training and for validation")
-    elif len(data.train) < FEW_IMAGES and any(source["use"] == "class" for source in data.record["sources"]):
+    elif len(data.train) < FEW_IMAGES and any(source["use"] == "class" for source in folders):
         notice(f"data: {len(data.train)} images to train on, which is few: backgrounds 'all' takes every image")

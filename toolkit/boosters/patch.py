@@ -16,6 +16,7 @@ from toolkit.boosters.booster import (
     BoosterTask,
     TrainedBooster,
     draw_patch_preview,
+    introduce,
     read_finished,
     train_booster,
     write_preview,
@@ -31,7 +32,6 @@ from toolkit.boosters.data import (
     stack_on_device,
 )
 from toolkit.boosters.detectors import (
-    describe_targets,
     is_detector_target,
     judge_detectors,
     meet_networks,
@@ -60,13 +60,13 @@ from toolkit.boosters.pixels import (
     quantise,
 )
 from toolkit.boosters.transforms.show import Appearance, Mounted, show_patch, take_photos
-from toolkit.boosters.validation import Validation, count_placements, validate_patch
+from toolkit.boosters.validation import MOST_NAMED, Validation, compare_shares, count_placements, validate_patch
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
-from toolkit.core.text import quote
+from toolkit.core.text import list_some, quote
 from toolkit.core.workspace import Workspace
-from toolkit.imaging.printer import PrintScores, score_print
+from toolkit.imaging.printer import score_print
 from toolkit.objects.load import load_object
 from toolkit.objects.records import Patch, PatchRecord, printed_size_mm, read_patch, write_patch
 from toolkit.rig.views import ViewRanges
@@ -96,11 +96,14 @@ class TrainedPatch(TrainedBooster):
         patch: pixels and record.
         validations: per network; empty when the patch was finished before.
         on_object: per network, on held-out views of the object; grey paper stands in for `bare`.
+        corrupted, in_weather: the same under the corruptions and in the weather of the training; empty without them.
     """
 
     patch: Patch
     validations: list[Validation] = field(default_factory=list)
     on_object: list[Validation] = field(default_factory=list)
+    corrupted: list[Validation] = field(default_factory=list)
+    in_weather: list[Validation] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
         """All of it for a script."""
@@ -114,10 +117,8 @@ class TrainedPatch(TrainedBooster):
         if self.was_finished:
             yield self.was_there()
         else:
-            yield f"{files.png}: {record.n_px} px, {record.size_mm:.0f} mm on paper"
-            yield f"{files.preview}: the patch on training images"
-            yield PrintScores(record.final["total_variation"], record.final["non_printability"]).describe(record.name)
-            yield from self._describe_shares(record)
+            yield f"{files.png}: {record.n_px} px, {record.size_mm:.0f} mm on paper; preview: {files.preview}"
+            yield from self._list_accuracy(record)
         if object_name == record.name:
             yield f"next: toolkit print --object {object_name}, toolkit capture-sim --object {object_name}"
             return
@@ -125,24 +126,18 @@ class TrainedPatch(TrainedBooster):
         if object_name is not None:
             yield f"note: the rig puts a patch called '{object_name}' on {object_name}: leave out --name for that"
 
-    def _describe_shares(self, record: PatchRecord) -> Iterator[str]:
-        """First on the object, if it was put on an object: that is what a camera sees."""
-        final = record.final
-        for answer in self.on_object:
-            where = f"{answer.network} on the object, held-out views"
-            yield f"{where}: {answer.patched} with the patch, {answer.bare} with grey paper"
-            share = final.get(f"{answer.network}_mounted_weather_patched_top1")
-            if share is not None:
-                grey = final[f"{answer.network}_mounted_weather_bare_top1"]
-                yield f"{where} in its weather: {share:.0%} with the patch, {grey:.0%} with grey paper"
-        what = "held-out images" if record.data["held_out"] else "its training images"
-        for answer in self.validations:
-            where = f"{answer.network}, patch pasted flat on {what}"
-            yield f"{where}: {answer.patched} with the patch, {answer.bare} bare"
-            share = final.get(f"{answer.network}_corrupted_patched_top1")
-            if share is not None:
-                bare = final[f"{answer.network}_corrupted_bare_top1"]
-                yield f"{where}, corrupted: {share:.0%} with the patch, {bare:.0%} bare"
+    def _list_accuracy(self, record: PatchRecord) -> Iterator[str]:
+        """On the object if it was put on an object: that is what a camera sees. The record has the rest."""
+        on_object, flat = ("grey paper", "patch"), ("without", "with the patch")
+        if self.on_object:
+            yield compare_shares("correct on the object", self.on_object, on_object)
+            if self.in_weather:
+                yield compare_shares("correct in its weather", self.in_weather, on_object)
+            return
+        what = "held-out" if record.data["held_out"] else "training"
+        yield compare_shares("correct, pasted flat", self.validations, flat, f"placements in {what} images")
+        if self.corrupted:
+            yield compare_shares("correct with corruptions", self.corrupted, flat, "placements")
 
     def warnings(self) -> Iterator[str]:
         """Warnings before printing."""
@@ -308,13 +303,14 @@ class PatchTask(BoosterTask[TrainedPatch]):
         return self.targets[0].classifier.device
 
     def describe(self) -> list[str]:
-        """Every setting that acts, and how the networks know the object before there is a patch."""
-        lines, views = self.config.lines(describe_targets(self.targets)), self._held_out_views
+        """What is trained, and how the networks know the object before there is a patch."""
+        lines, views = introduce("patch", self.config, self.config.size_px, self.targets), self._held_out_views
         if views is None:
             return lines
         (known,) = recognise_mounted([grey_paper(self.pixels)], views, self.targets, self.image_px)
-        for target, share in zip(self.targets, known, strict=True):
-            lines.append(f"{target.classifier.name} on the object, held-out views: {share} with grey paper")
+        pairs = zip(self.targets, known, strict=True)
+        before = [f"{target.classifier.name} {share.hits} of {share.n} held-out views" for target, share in pairs]
+        lines.append(f"correct before training, with grey paper on the object: {list_some(before, MOST_NAMED)}")
         return lines if any(share.hits for share in known) else [*lines, UNKNOWN]
 
     def find_finished(self) -> TrainedPatch | None:
@@ -391,8 +387,9 @@ class PatchTask(BoosterTask[TrainedPatch]):
         sized = {"margin": config.margin} | ({} if size_mm is None else {"size_mm": round(size_mm, 3)})
         patch = write_patch(self.files.png.parent, pixels, record | sized)
         return TrainedPatch(
-            patch=patch, files=self.files, validations=validations, on_object=on_object, skipped=data.skipped
-        )
+            patch=patch, files=self.files, validations=validations, on_object=on_object, skipped=data.skipped,
+            corrupted=corrupted, in_weather=weathered,
+        )  # fmt: skip
 
     def _draw_preview(self, printed: torch.Tensor, pixels: np.ndarray, validations: list[Validation]) -> None:
         """Sixteen training images; they repeat, in other placements, where there are fewer."""

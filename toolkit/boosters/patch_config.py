@@ -27,7 +27,7 @@ from toolkit.boosters.transforms.placement import WHERE, AffineRanges, MixedPlac
 from toolkit.boosters.transforms.printing import LightRanges, PrintProcess, ProfiledPrint, TapeGlare, use_profile
 from toolkit.boosters.transforms.show import Appearance
 from toolkit.boosters.transforms.transfer import Cutout
-from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
+from toolkit.core.config import Flag, Later, Range, Rising
 from toolkit.core.errors import FieldError
 from toolkit.core.work import Work
 from toolkit.objects.spec import Margin, ObjectSpec, printed_size_mm
@@ -138,31 +138,6 @@ class PatchConfig(PixelConfig):
 
         return weigh
 
-    def lines(self, networks: list[str]) -> list[str]:
-        """Return a line per active setting or part, `name  value`, and a line for the inactive parts."""
-        epochs = "" if self.epochs is None else f" ({self.epochs} epochs)"
-        rows = self.step_rows(self.size_px, "sign of the gradient", epochs)
-        rows += [("networks", ", ".join(networks))]
-        on_flat = ("place", "paper") if self.mounted_share == 1 else ()  # no patch of the batch lies flat
-        rows += self.transform_rows(on_flat)
-        idle = self.idle_transforms(on_flat)
-        if self.mounted_share:
-            share = f"{self.mounted_share:.0%} of each batch, {self.mounted_views} views, a fifth held out, "
-            margin = "" if self.margin == "white" else ", printed over the sheet's margin"
-            rows.append(("mounted", f"{share}the object filling {describe(self.mounted_fill)} of the frame{margin}"))
-        else:
-            idle.append("mounted views")
-        losses = [f"total variation × {self.tv_weight:g}"] if self.tv_weight else []
-        losses += [f"non-printability × {self.printability_weight:g}"] if self.printability_weight else []
-        rows.append(("losses", " + ".join(["cross-entropy", *losses])))
-        if idle:
-            rows.append(("off", ", ".join(idle)))
-        if self.without_effect:
-            named = ", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in self.without_effect.items())
-            words = f"{named}: in the paper's release they move a dummy parameter, not the patch"
-            rows.append(("without effect", words))
-        return [*align_rows(rows), *self.weather_lines]
-
 
 RECIPES: dict[str, PatchConfig] = {
     "default": PatchConfig(
@@ -187,7 +162,7 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
     Raises:
         ToolkitError: an unknown recipe, or a setting that is out of its range.
     """
-    base, fitted = find_recipe(RECIPES, recipe), dict(overrides)
+    base, fitted = find_recipe(RECIPES, recipe, overrides), dict(overrides)
     lengths = {name: fitted[name] for name in ("steps", "epochs") if fitted.get(name) is not None}
     if len(lengths) == 2:
         raise FieldError("expected one of the two", lengths)

@@ -4,16 +4,16 @@ Nothing heavy is loaded for them.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, SerializeAsAny, model_validator
 
-from toolkit.boosters.transforms import OF_NETWORKS, STAGES, Transform
+from toolkit.boosters.transforms import Transform
 from toolkit.boosters.transforms.camera import CameraBlur, Jitter, JpegFile, SensorNoise
 from toolkit.boosters.transforms.transfer import BlockShuffle, FeatureMixup
 from toolkit.boosters.transforms.weather import Corrupted, ViewWeather, read_corruptions, read_weather
-from toolkit.core.config import Config, Expect, Flag, Later, describe, part_maker
+from toolkit.core.config import Config, Expect, Flag, Later, describe_changes
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.rooms import ask_room, find_offer
 from toolkit.core.text import is_file_name
@@ -102,6 +102,7 @@ class PixelConfig(Config):
     stages: ClassVar[tuple[str, ...]] = ()
     about: str = Field("", exclude=True, description="Kind of the recipe.")
     recipe: str = "custom"
+    changes: str = Field("", exclude=True, description="Settings in place of the recipe's, in words.")
     steps: Annotated[int | None, Field(ge=1), Flag(group=STEPS)] = Field(300, description="Gradient steps.")
     batch: Annotated[int, Field(ge=1), Flag(group=STEPS)] = Field(16, description="Images per step.")
     lr: Annotated[
@@ -205,25 +206,6 @@ class PixelConfig(Config):
         """The transforms of a stage, in the order in which they act: that of the fields."""
         return tuple(part for _, part in self.held_transforms() if part.stage == stage)
 
-    def transform_rows(self, idle_stages: Sequence[str] = ()) -> list[tuple[str, str]]:
-        """(name, value) of the transforms that act, in the order in which they do; those of some stages do not."""
-        # a stable sort: within a stage the fields' order decides, as it does in a step
-        held = sorted(self.held_transforms(), key=lambda held_stage: STAGES.index(held_stage[1].stage))
-        rows = [
-            (f"{name}: {type(part).__name__}" if isinstance(getattr(self, name), tuple) else name, describe(part))
-            for name, part in held if part.stage not in (*idle_stages, *OF_NETWORKS)
-        ]  # fmt: skip
-        return [(name.replace("_", " "), words) for name, words in rows]
-
-    def idle_transforms(self, idle_stages: Sequence[str] = ()) -> list[str]:
-        """Names of the transforms that are switched off, and of those whose stage does not act."""
-        off = [
-            name for name, info in type(self).model_fields.items()
-            if part_maker(type(self), name) and getattr(self, name) is None and Later not in info.metadata
-        ]  # fmt: skip
-        idle = [name for name, part in self.held_transforms() if part.stage in idle_stages]
-        return [name.replace("_", " ") for name in (*off, *idle)]
-
     @property
     def step_count(self) -> int:
         """How many steps, which must have been counted."""
@@ -253,44 +235,23 @@ class PixelConfig(Config):
             return None
         return ask_room("world")(workspace, self.world, self.times, seed=self.world_seed, scale=self.world_scale)
 
-    @property
-    def weather_lines(self) -> list[str]:
-        """The numbers behind its weathers, a line each."""
-        return [] if self.weather is None else self.weather.lines()
-
-    def step_rows(self, size_px: int, optimiser: str, epochs: str = "") -> list[tuple[str, str]]:
-        """(name, value) of these settings, in words."""
-        sigma, last = self.smoothing_px, self.last_smoothing_px
-        smoothing = f"Gaussian {sigma:g} px, {'falling' if last <= sigma else 'rising'} to {last:g}"
-        if not (sigma or last):
-            smoothing = "none"
-        objective = None if self.objective == "cross-entropy" else self.objective
-        transfer: dict[str, object] = {"ensemble": self.ensemble, "objective": objective, "jitter": self.jitter}
-        transfer |= {"block shuffle": self.block_shuffle, "feature mixup": self.feature_mixup}
-        transfer["momentum"] = self.momentum or None
-        transfer["lost weight"] = self.lost_weight if self.lost_weight > 1 else None
-        return [
-            ("recipe", ": ".join(filter(None, [self.recipe, self.about]))),
-            ("size", f"{size_px} × {size_px} px, start contrast {self.start_contrast:g}"),
-            ("steps", f"{self.steps}{epochs} of {self.batch} images, seed {self.seed}"),
-            ("step", f"{optimiser}, lr {self.lr:g} ({self.schedule}), smoothing {smoothing}"),
-            *((name, describe(value)) for name, value in transfer.items() if value is not None),
-        ]
-
 
 Recipe = TypeVar("Recipe", bound=PixelConfig)
 Settings = TypeVar("Settings", bound=PixelConfig)
+UNNAMED = ("spec.", "objects", "size_px", "seed", "steps", "batch")
+"""Paths of hints, and of settings that a training names anyway."""
 
 
-def find_recipe(recipes: dict[str, Recipe], name: str) -> Recipe:
-    """A recipe by name.
+def find_recipe(recipes: dict[str, Recipe], name: str, overrides: Mapping[str, Any]) -> Recipe:
+    """A recipe by name, which knows the overrides that differ from it.
 
     Raises:
         ToolkitError: there is none.
     """
     if name not in recipes:
         raise one_of("recipe", name, list(recipes))
-    return recipes[name]
+    named = {path: value for path, value in overrides.items() if not path.startswith(UNNAMED)}
+    return recipes[name].model_copy(update={"changes": describe_changes(recipes[name], named)})
 
 
 def make_camera() -> CameraParts:

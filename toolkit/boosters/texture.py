@@ -1,7 +1,7 @@
 """Train a texture (Algorithm 2): what `toolkit train-texture` runs."""
 
 from abc import abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,13 +17,13 @@ from toolkit.boosters.booster import (
     Trained,
     TrainedBooster,
     draw_turntable,
+    introduce,
     read_finished,
     train_booster,
     write_preview,
 )
 from toolkit.boosters.detectors import (
     box_of_coverage,
-    describe_targets,
     is_detector_target,
     judge_detectors,
     meet_networks,
@@ -51,7 +51,13 @@ from toolkit.boosters.texture_objects import (
     read_start,
 )
 from toolkit.boosters.transforms.transfer import GREY
-from toolkit.boosters.validation import WeatherValidation, draw_weather, measure_known, validate_texture
+from toolkit.boosters.validation import (
+    WeatherValidation,
+    compare_shares,
+    draw_weather,
+    measure_known,
+    validate_texture,
+)
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.work import Work
@@ -98,23 +104,21 @@ class TrainedTexture(TrainedBooster):
         if self.was_finished:
             yield self.was_there()
         else:
-            yield f"{files.png}: {record.n_px} × {record.n_px} px"
+            yield f"{files.png}: {record.n_px} × {record.n_px} px; the object turning: {files.preview}"
             for glb in self.glbs.values():
                 yield f"{glb}: the object in it, for Blender, Unreal, three.js"
-            yield f"{files.preview}: the object turning, with the network's first guess"
-            yield from say_held_out(self.validations, "with the texture")
+            yield from say_held_out(self.validations, "texture")
         shown = " ".join(f"--object {item.name}" for item in record.objects)
         yield f"next: toolkit capture-sim {shown} --variant unpatched --variant textured, toolkit eval captures/"
 
 
-def say_held_out(validations: Iterable[WeatherValidation], how: str) -> Iterator[str]:
-    """A line for each network and kind of held-out views: its accuracy on the object `how` and unmodified."""
-    for answer in validations:
-        held_out = [("held-out views", answer.clear), ("the same in fog", answer.fog)]
-        held_out += [] if answer.weather is None else [("the same in its weather", answer.weather)]
-        held_out += [] if answer.corrupted is None else [("the same corrupted", answer.corrupted)]
-        for where, found in held_out:
-            yield f"{found.network} on {where}: {found.patched} {how}, {found.bare} in its own paint"
+def say_held_out(validations: Sequence[WeatherValidation], booster: str) -> Iterator[str]:
+    """Yield a line for each kind of held-out views: accuracy in the object's own paint, and with the booster."""
+    kinds = {"clear": "", "fog": " in fog", "weather": " in its weather", "corrupted": " with corruptions"}
+    for kind, where in kinds.items():
+        found = [answer for one in validations if (answer := getattr(one, kind)) is not None]
+        if found:
+            yield compare_shares(f"correct{where}", found, ("own paint", booster))
 
 
 def train_texture(
@@ -218,10 +222,11 @@ class SurfaceTask(BoosterTask[Trained]):
         super().constrain()
 
     def describe(self) -> list[str]:
-        """Every setting that acts."""
-        names, inputs = describe_targets(self.targets), self.inputs
+        """What is trained, and on which objects."""
+        inputs = self.inputs
         world = None if inputs.setting is None else inputs.setting.describe([item.mesh for item in inputs.at_real_size])
-        return self.config.lines(self.targets[0].label, [item.describe() for item in inputs.objects], names, world)
+        more = [("object", item.describe()) for item in inputs.objects] + ([] if world is None else [("world", world)])
+        return introduce(self.work.kind, self.config, self.config.size_px, self.targets, more)
 
     @contextmanager
     def open(self) -> Iterator[None]:

@@ -24,7 +24,7 @@ from toolkit.boosters.transforms import OF_NETWORKS
 from toolkit.boosters.transforms.camera import Exposure
 from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint
 from toolkit.boosters.transforms.weather import Fog
-from toolkit.core.config import Expect, Flag, Later, Range, Rising, align_rows, describe
+from toolkit.core.config import Expect, Flag, Later, Range, Rising
 from toolkit.core.errors import FieldError
 from toolkit.objects.spec import MOST_PIECES
 from toolkit.rig import STUCK_ON, Misfit
@@ -199,30 +199,6 @@ class TextureConfig(PixelConfig):
             "held_out_views": self.held_out * self.per_studio,
         }
 
-    def lines(self, label: str, objects: list[str], networks: list[str], world: str | None = None) -> list[str]:
-        """One line per setting that acts, `name  value`; objects and world are described by whoever has loaded them."""
-        rendered = self.groups * self.studios * self.per_studio
-        evenly = ", evenly over the sphere" if self.evenly else ""
-        views = (
-            f"{rendered}, each used {self.reuse} times, {self.held_out * self.per_studio} more held out; "
-            f"elevation {describe(self.elevation_deg)}°{evenly}, roll {describe(self.roll_deg)}°, "
-            f"filling {describe(self.fill)} of the frame"
-        )
-        steps = self.step_rows(self.size_px, self.optimiser)
-        rows = [steps[0], ("class", label), steps[1], *(("object", line) for line in objects), *steps[2:]]
-        if self.max_change is not None:
-            most = "what the bare object allows" if self.max_change == "auto" else f"{self.max_change:g}"
-            whose = "its own" if self.start is None else "its own, or the picture that training goes on from"
-            rows.append(("paint", f"{whose}; no channel changed by more than {most}"))
-        rows += [("gradient", self.gradient), ("views", views), ("networks", ", ".join(networks))]
-        rows += [] if world is None else [("world", world)]
-        if self.background_share:
-            rows.append(("backgrounds", f"photographs behind {self.background_share:.0%} of the views"))
-        rows += self.transform_rows()
-        if idle := self.idle_transforms():
-            rows.append(("off", ", ".join(idle)))
-        return [*align_rows(rows), *self.weather_lines]
-
 
 RECIPES: dict[str, TextureConfig] = {
     "default": TextureConfig(
@@ -255,9 +231,10 @@ def fit_recipe(recipes: dict[str, Surface], recipe: str, overrides: Mapping[str,
     Raises:
         ToolkitError: an unknown recipe, or a setting that is out of its range.
     """
-    base, fitted = find_recipe(recipes, recipe), dict(overrides)
+    fitted = dict(overrides)
     if "fog" in fitted:  # what clouds were called
         fitted["clouds"] = fitted.pop("fog")
+    base = find_recipe(recipes, recipe, fitted)
     if fitted.get("world") is not None:
         outdoors = {"background_share": 0.0, "elevation_deg": WORLD_ELEVATION_DEG, "fill": WORLD_FILL}
         base = base.model_copy(update=outdoors)

@@ -13,6 +13,7 @@ from toolkit.boosters.transforms.show import Appearance, show_patch
 from toolkit.boosters.transforms.weather import Corrupted, ViewWeather, find_depths
 from toolkit.core.draws import Draws
 from toolkit.core.statistics import wilson_interval
+from toolkit.core.tables import format_interval, format_percent
 from toolkit.corruptions.batch import corrupt
 from toolkit.rig.views import RenderedView
 
@@ -56,6 +57,38 @@ class Validation:
     def falls_short(self) -> bool:
         """Whether less than half are recognised with the patch, and not surely more than without."""
         return self.patched.value < 0.5 and self.patched.ci95[0] <= self.bare.value
+
+
+MOST_NAMED = 3
+"""Networks that a line names."""
+
+
+def compare_shares(
+    where: str, validations: Sequence[Validation], names: tuple[str, str], unit: str = "held-out views"
+) -> str:
+    """Return a line: without the booster and with it, by network; of many networks the mean and the weakest.
+
+    Args:
+        where: first words.
+        validations: the networks' answers, at least one.
+        names: what is shown without the booster, and with it.
+        unit: what is counted.
+    """
+    shown = [f"{answer.network} {_compare(answer)}" for answer in validations]
+    if len(validations) > MOST_NAMED:
+        weakest = min(validations, key=lambda answer: answer.patched.value)
+        means = np.mean([(answer.bare.value, answer.patched.value) for answer in validations], axis=0)
+        before, after = map(format_percent, means)
+        shown = [
+            f"mean of {len(validations)} networks {before} % → {after} %",
+            f"weakest {weakest.network} {_compare(weakest)}",
+        ]
+    return f"{where}, {validations[0].patched.n} {unit}, {' → '.join(names)}: {', '.join(shown)}"
+
+
+def _compare(answer: Validation) -> str:
+    before, after = (format_percent(share.value) for share in (answer.bare, answer.patched))
+    return f"{before} % → {after} % (95 % interval {format_interval(answer.patched.ci95)} %)"
 
 
 def count_placements(images: int, draws: int = DRAWS) -> int:

@@ -155,10 +155,10 @@ class TrainedWrap(TrainedBooster):
         if self.was_finished:
             yield self.was_there()
         else:
-            yield f"{files.png.parent}: {len(record.pieces)} pieces on {record.covered:.0%} of what cameras see"
-            yield f"{files.preview}: the object turning, with the network's first guess"
+            share = f"{record.covered:.0%} of what cameras see"
+            yield f"{files.png.parent}: {len(record.pieces)} pieces on {share}; the object turning: {files.preview}"
             yield from self._say_ranking()
-            yield from say_held_out(self.validations, "with the wrap stuck on")
+            yield from say_held_out(self.validations, "wrap")
         yield (
             f"next: toolkit print --wrap {record.name}, toolkit capture-sim --object {record.object} "
             "--variant unpatched --variant wrapped"

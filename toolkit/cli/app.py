@@ -331,6 +331,15 @@ def be_quiet(context: typer.Context, wanted: bool) -> bool:
     return wanted
 
 
+def be_verbose(context: typer.Context, wanted: bool) -> bool:
+    """Print every setting and whole tables until the command has ended, if wanted."""
+    if wanted:
+        from toolkit.core.console import verbosely
+
+        context.with_resource(verbosely())
+    return wanted
+
+
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", callback=be_quiet, rich_help_panel=SHARED, help="No progress bar.")
 ]

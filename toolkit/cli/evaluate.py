@@ -42,6 +42,7 @@ def evaluate(
     config: EvalConfig,
     device: options.Device = "auto",
     workspace: options.Workspace = None,
+    verbose: options.Verbose = False,
     as_json: options.Json = False,
 ) -> None:
     """Classify every image of a capture folder, and write table, summary and report to eval/RUN.
@@ -80,8 +81,10 @@ def _detect(
     captures: Path, space: Workspace, named: options.NamedNetwork, config: EvalConfig, as_json: bool
 ) -> None:  # fmt: skip
     """Find the object in every image with a detector, and print the results."""
+    from toolkit.core.console import is_verbose
+    from toolkit.core.tables import format_interval, format_percent
     from toolkit.evaluation.detect import describe_pairs, evaluate_detector
-    from toolkit.evaluation.tables import format_interval, format_percent, list_lines
+    from toolkit.evaluation.tables import MAX_OUTCOMES, MAX_ROWS, list_lines, list_origin, pick_rows
     from toolkit.models.load_detector import load_detector
 
     detector = load_detector(str(named.model), named.weights, named.device)
@@ -90,19 +93,18 @@ def _detect(
         show_json(done.summary)
     else:
         say(f"detector: {detector.name} ({detector.arch}, weights {detector.weights.name})")
-        # what was judged, and how well
-        for heading, text in done.origin.lines():
-            say(f"  {heading}: {text}")
+        for line in describe_pairs(done):
+            say(line)
         rows = [
             (
                 group.source, group.object, group.variant, group.n, format_percent(group.found),
                 format_interval(group.found_ci95), format_percent(group.recall50),
                 *("" if ap is None else f"{ap:.2f}" for ap in (group.ap50, group.ap50_95)),
             )
-            for group in done.groups
+            for group in pick_rows(done.groups, MAX_ROWS if is_verbose() else MAX_OUTCOMES)
         ]  # fmt: skip
         show_table(("source", "object", "variant", "n", "found, %", "95 %", "recall, %", "AP50", "AP50:95"), rows)
-        for line in describe_pairs(done):
+        for line in list_origin(done.origin):
             say(line)
         for line in list_lines("left out", done.left_out):
             warn(line)
@@ -114,11 +116,10 @@ def _detect(
 
 
 def show_evaluation(done: "Evaluation") -> None:
-    """Print the tables, the files that could not be used, notes, and the path of the report."""
+    """Print the verdicts, the files that could not be used, notes, and the path of the report."""
     from toolkit.core.console import console
     from toolkit.evaluation.tables import list_lines, list_unpaired, print_tables
 
-    say(f"network: {done.summary['model']['description']}")
     print_tables(console, done, done.summary["model"]["name"])
     faults = list_lines("set aside", done.origin.faults if done.origin else [])
     for line in (*faults, *list_lines("could not be read", done.failed), *list_unpaired(done.unpaired, done.no_pairs)):

@@ -20,7 +20,7 @@ import typer
 from pydantic.fields import FieldInfo
 from typer.models import OptionInfo
 
-from toolkit.cli.app import SHARED, be_quiet, spell_flag
+from toolkit.cli.app import SHARED, be_quiet, be_verbose, spell_flag
 from toolkit.core.config import Config, Flag, Range, bounds_of, flag_of, is_config, part_maker, typed_as
 from toolkit.core.errors import FIELD_PATH, show_value
 
@@ -37,6 +37,8 @@ Workspace = Annotated[
 ]
 JSON = "Print the result as JSON on stdout; no progress bar."
 Json = Annotated[bool, typer.Option("--json", callback=be_quiet, rich_help_panel=SHARED, help=JSON)]
+VERBOSE = "Also print every setting, or every table."
+Verbose = Annotated[bool, typer.Option("--verbose", callback=be_verbose, rich_help_panel=SHARED, help=VERBOSE)]
 SEED = "Same seed, same bytes on the same machine."
 Seed = Annotated[int, typer.Option("--seed", metavar="N", rich_help_panel=SHARED, help=SEED, min=0)]
 Device = Annotated[

@@ -1,7 +1,7 @@
 """Commands of the rig: where patch, pieces and camera go, the photographs that it takes, and the objects in them."""
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +13,7 @@ from toolkit.cli.app import Quiet
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_result, show_table, warn
 from toolkit.core.rooms import ask_room
-from toolkit.core.text import count_of
+from toolkit.core.text import count_of, list_some
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.engine import EngineConfig
 from toolkit.objects.spec import read_spec
@@ -21,6 +21,9 @@ from toolkit.rig import SHOT_LIST, Pattern, PlaceConfig, ShotListConfig, WrapCon
 
 if TYPE_CHECKING:
     from toolkit.rig.plan import Pose
+
+MOST_NAMED, MOST_LINES = 6, 4
+"""Objects that a line names, and lines on poses."""
 
 
 @from_config(config=PlaceConfig)
@@ -130,13 +133,14 @@ def plan(
         if as_json and not shot_list:
             show_json(planned.model_dump(mode="json"))
         elif not as_json:
-            if not quiet:
-                rows = [_as_row(name, poses) for name, poses in planned.objects.items()]
-                show_table(("object", "poses", "elevations", "azimuths", "distance, mm"), rows)
-            if drawn:
-                say(f"drew the positions and contact sheets into {drawn}")
+            for line in [] if quiet else list_poses(planned.objects):
+                say(line)
             say(what_pairs_can_show(max(map(len, planned.objects.values()))))
-            say(f"wrote {space.plan_file}{'' if shot_list else _what_follows(space, list(planned.objects))}")
+            if drawn:
+                say(f"pictures of the positions, and of what each shows: {drawn}")
+            say(f"plan: {space.plan_file}")
+            if not shot_list:
+                say(_what_follows(space, list(planned.objects)))
     # sheets that do not fit, and the shot list
     for line in list_misfits(space, names, made):
         remark(line)
@@ -155,34 +159,40 @@ def _what_follows(space: Workspace, names: list[str]) -> str:
 
     unpatched = [name for name in names if find_patch_file(space, read_spec(space.object_spec(name))) is None]
     trained = f"toolkit train-patch --object {unpatched[0]}, then " if unpatched else ""
-    return f"; next: {trained}toolkit capture-sim"
+    return f"next: {trained}toolkit capture-sim"
 
 
 def what_pairs_can_show(count: int) -> str:
     """Return in words what `count` pairs can show, by the same statistics as the report."""
-    from toolkit.core.statistics import mcnemar_p, wilson_interval
+    from toolkit.core.statistics import SIGNIFICANT, mcnemar_p
 
-    low, high = wilson_interval(count // 2, count)
-    enough = next((flips for flips in range(1, count + 1) if mcnemar_p(flips, 0) < 0.05), None)
-    flips = "no number of changes can reach p < 0.05"
+    enough = next((flips for flips in range(1, count + 1) if mcnemar_p(flips, 0) < SIGNIFICANT), None)
+    changes = "no number of changes reaches"
     if enough is not None:
-        flips = f"{enough} changes for the better and none for the worse reach p < 0.05"
-    return (
-        f"with {count_of(count, 'pair')}, {count // 2} correct means {low * 100:.0f}–{high * 100:.0f} % (95 % Wilson "
-        f"interval); {flips} in an exact McNemar test"
-    )
+        changes = f"at least {enough} images must improve and none get worse for"
+    return f"with {count_of(count, 'pose')} of an object, {changes} p < {SIGNIFICANT} (exact McNemar test)"
 
 
-def _as_row(name: str, poses: "Sequence[Pose]") -> tuple[str, int, str, str, str]:
-    elevations, azimuths = ({pose.elevation_deg for pose in poses}, {pose.azimuth_deg for pose in poses})
-    near, far = (pick(pose.distance_mm for pose in poses) for pick in (min, max))
-    return name, len(poses), _listed(elevations), _listed(azimuths), f"{near:.0f}-{far:.0f}"
+def list_poses(objects: "Mapping[str, Sequence[Pose]]") -> list[str]:
+    """Return a line for the objects that have the same poses: how many, their angles, and all distances."""
+    alike: dict[str, list[str]] = {}
+    for name, poses in objects.items():
+        angles = [_listed({getattr(pose, angle) for pose in poses}) for angle in ("elevation_deg", "azimuth_deg")]
+        each = f"{count_of(len(poses), 'pose')}, elevations {angles[0]}, azimuths {angles[1]}"
+        alike.setdefault(each, []).append(name)
+    lines = []
+    for each, names in alike.items():
+        distances = [pose.distance_mm for name in names for pose in objects[name]]
+        away = f"{min(distances):.0f} to {max(distances):.0f} mm away"
+        lines.append(f"{list_some(names, MOST_NAMED)}: {each}, {away}")
+    more = len(lines) - MOST_LINES
+    return lines if more <= 0 else [*lines[:MOST_LINES], f"and {more} more lines, all in the plan"]
 
 
 def _listed(some: set[float]) -> str:
     degrees = sorted(some)
     if len(degrees) > 8:
-        return f"{degrees[0]:.0f}-{degrees[-1]:.0f}° ({len(degrees)})"
+        return f"{degrees[0]:.0f} to {degrees[-1]:.0f}° ({len(degrees)})"
     return " ".join(f"{value:.0f}°" for value in degrees)
 
 

@@ -72,6 +72,7 @@ def train_patch(
     restart: options.Restart = False,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
+    verbose: options.Verbose = False,
     as_json: options.Json = False,
 ) -> None:
     """Train a patch that makes a classifier predict a class, or a detector find an object. Interrupted runs resume."""
@@ -131,6 +132,7 @@ def train_texture(
     restart: options.Restart = False,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
+    verbose: options.Verbose = False,
     as_json: options.Json = False,
 ) -> None:
     """Train a texture that makes a network predict an object's class. Interrupted runs resume."""
@@ -156,6 +158,7 @@ def train_wrap(
     restart: options.Restart = False,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
+    verbose: options.Verbose = False,
     as_json: options.Json = False,
 ) -> None:
     """Train the pictures on the pieces of a wrap, and plan the pieces if there are none. Interrupted runs resume."""

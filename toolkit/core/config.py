@@ -274,15 +274,30 @@ def describe(value: object, name: str = "", between: str = " to ") -> str:
         names = list(type(value).model_fields) if isinstance(value, Config) else [field.name for field in fields(value)]
         held = [field for field in names if getattr(value, field) is not None]
         held.sort(key=lambda name: name.endswith("probability"))
-        words = [field.removesuffix(f"_{_unit_of(field)}").replace("_", " ") for field in held]
-        pairs = zip(words, held, strict=True)
-        return ", ".join(f"{word} {_describe_field(value, field)}" for word, field in pairs)
+        return ", ".join(f"{_name_words(field)} {_describe_field(value, field)}" for field in held)
     unit = UNITS.get(_unit_of(name), "")
     if isinstance(value, tuple) and len(value) == 2 and all(isinstance(item, int | float) for item in value):
         return f"{value[0]:g}{between}{value[1]:g}{unit}"
     if isinstance(value, tuple | list):
         return ", ".join(describe(item) for item in value)
     return f"{value:.4g}{unit}" if isinstance(value, float) else f"{show_value(value)}{unit}"
+
+
+def describe_changes(base: Config, overrides: Mapping[str, object]) -> str:
+    """Return the overrides that differ from a config, in words: `steps 20, length 60 mm, glare off`."""
+    changed = []
+    for path, value in overrides.items():
+        before: object = base
+        for name in path.split("."):
+            before = getattr(before, name, None)
+        is_same = value == (before is not None) if isinstance(value, bool) else value == before
+        if not is_same:
+            changed.append(f"{_name_words(name)} {describe(value, name)}")
+    return ", ".join(changed)
+
+
+def _name_words(name: str) -> str:
+    return name.removesuffix(f"_{_unit_of(name)}").replace("_", " ")
 
 
 def _describe_field(owner: object, name: str) -> str:

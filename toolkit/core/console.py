@@ -53,6 +53,25 @@ def is_quiet() -> bool:
     return _is_quiet
 
 
+_is_verbose = False
+
+
+@contextmanager
+def verbosely() -> Iterator[None]:
+    """Within, commands also print every setting and whole tables."""
+    global _is_verbose
+    before, _is_verbose = _is_verbose, True
+    try:
+        yield
+    finally:
+        _is_verbose = before
+
+
+def is_verbose() -> bool:
+    """Whether every setting and whole tables are printed."""
+    return _is_verbose
+
+
 def notice(line: str) -> None:
     """Print a notice on stderr."""
     if not _is_quiet:
@@ -84,8 +103,8 @@ class RateColumn(ProgressColumn):
         return Text(f"{speed:.1f}/s" if speed else "", style="cyan")
 
 
-LINE_EVERY_S = 10.0
-"""Seconds between lines of progress if stderr is no terminal."""
+FIRST_LINE_S, LINE_EVERY_S = 10.0, 300.0
+"""Seconds until the first line of progress if stderr is no terminal, and most seconds between two lines."""
 
 
 class Ticker:
@@ -96,7 +115,7 @@ class Ticker:
     ) -> None:  # fmt: skip
         self._progress, self._task = progress, task
         self._title, self._total, self._done = title, total, done
-        self._told = monotonic()
+        self._told, self._wait_s = monotonic(), FIRST_LINE_S
         self._first: tuple[float, int] | None = None
 
     def advance(self, amount: int = 1, note: str | None = None) -> None:
@@ -109,8 +128,9 @@ class Ticker:
             self._progress.update(self._task, advance=amount)
             if note is not None:
                 self._progress.update(self._task, note=escape(note))
-        elif self._title and monotonic() - self._told >= LINE_EVERY_S:
-            self._told = monotonic()
+        elif self._title and monotonic() - self._told >= self._wait_s:
+            # the time between lines doubles: a log of hours keeps few
+            self._told, self._wait_s = monotonic(), min(2 * self._wait_s, LINE_EVERY_S)
             start, before = self._first or (self._told, self._done)
             rate = (self._done - before) / max(self._told - start, 1e-9)
             left = f", {rate:.3g}/s, {(self._total - self._done) / rate:.0f} s left" if rate > 0 else ""
@@ -121,7 +141,7 @@ class Ticker:
 def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iterator[Ticker]:
     """Show a progress bar on stderr over `total` units, `done` of them finished by an earlier run.
 
-    If stderr is no terminal, print a line at the start and every ten seconds.
+    If stderr is no terminal, print a line at the start, after 10 s, and ever more rarely, up to every 5 minutes.
     """
     if quiet or _is_quiet:
         yield Ticker(None, TaskID(0))
@@ -132,7 +152,7 @@ def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iter
         errors.print(f"{title} …" if total == 1 else counts, markup=False)
         yield Ticker(None, TaskID(0), "" if total == 1 else title, total, done)
         return
-    # a bar for a terminal
+    # a bar for a terminal, which makes way for the result
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -141,5 +161,5 @@ def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iter
         TimeRemainingColumn(),
         TextColumn("{task.fields[note]}", markup=False),
     )
-    with Progress(*columns, console=errors) as bar:
+    with Progress(*columns, console=errors, transient=True) as bar:
         yield Ticker(bar, bar.add_task(escape(title), total=total, completed=done, note=""))

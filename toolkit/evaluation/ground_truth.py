@@ -217,7 +217,9 @@ def load_captures(
         workspace: workspace with the object specs.
         classifier: classifier with the classes and the preprocessing.
         captures_dir: a folder of images, SOURCE/OBJECT/VARIANT/FILE; by default the workspace's `captures/`.
-        sources, objects, variants: only these; all by default.
+        sources: only these; all by default.
+        objects: likewise.
+        variants: likewise.
         transform: transform of each finished image; with workers it must be picklable.
 
     Raises:

@@ -1,7 +1,7 @@
 """Results on the console: a table for each source, the rig against photographs, and results in words."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Protocol, TypeVar
 
 from rich.console import Console
@@ -9,6 +9,7 @@ from rich.table import Table
 
 from toolkit.captures.capture import UNPATCHED
 from toolkit.captures.read import POOLED
+from toolkit.core.console import is_verbose
 from toolkit.core.tables import (
     NONE,
     build_table,
@@ -20,7 +21,7 @@ from toolkit.core.tables import (
     format_points_interval,
     format_rank,
 )
-from toolkit.core.text import count_of
+from toolkit.core.text import count_of, list_some
 from toolkit.evaluation.agreement import (
     ANSWER_HEADS,
     GAIN_HEADS,
@@ -31,11 +32,14 @@ from toolkit.evaluation.agreement import (
     list_gains,
 )
 from toolkit.evaluation.metrics import NO_PAIR, Comparison, Group
-from toolkit.evaluation.origin import TITLE
+from toolkit.evaluation.origin import TITLE, Origin
 from toolkit.evaluation.results import Findings, Training, describe_unseen, mark_seen
 from toolkit.evaluation.sim_real import SimReal, place_of
 
 MAX_ROWS, MAX_WRONG, MAX_LINES = 60, 12, 20
+MAX_VERDICTS, MAX_OUTCOMES, MAX_NAMED = 8, 6, 3
+LIMITS = ("images", "pairs", "note")
+"""Headings of an origin that limit what a result shows."""
 WHO = ("object", "variant")
 
 
@@ -51,23 +55,69 @@ Row = TypeVar("Row", bound=HasObject)
 
 
 def print_tables(console: Console, findings: Findings, network: str = "the network") -> None:
-    """Print the origin of an evaluation, its tables, and the results in words."""
-    if findings.origin is not None:
-        console.print(TITLE)
-        for heading, text in findings.origin.lines():
-            console.print(f"  {heading}: {text}", markup=False, highlight=False, soft_wrap=True)
-        console.print()
+    """Print the verdicts, the numbers that decide, and what limits them; whole tables if the console is verbose."""
+    verdicts = []
+    for headline in findings.headlines:
+        asked = f"{headline.question} " if headline.question else ""
+        verdicts.append(f"{headline.source}: {asked}{headline.verdict}. {headline.sentence}")
+    if is_verbose():
+        _print_lines(console, verdicts)
+        _print_all(console, findings)
+    else:
+        hidden = len(verdicts) - MAX_VERDICTS
+        rest = [f"and {hidden} more verdicts, all in the report"] if hidden > 0 else []
+        _print_lines(console, [*verdicts[:MAX_VERDICTS], *rest])
+        console.print(build_outcomes(findings.groups, findings.pairs))
+    origin = [] if findings.origin is None else list_origin(findings.origin)
+    _print_lines(console, [*describe_unseen(network, findings.training), *findings.gate_lines, *origin])
+
+
+def list_origin(origin: Origin) -> list[str]:
+    """Return lines on what limits a result: images that do not count, and sources without a control.
+
+    If the console is verbose, all of the origin is in them.
+    """
+    if is_verbose():
+        return [TITLE, *(f"  {name}: {text}" for name, text in origin.lines())]
+    lines = [
+        f"{name}: {text}" for name, text in origin.lines() if name in LIMITS and text != f"{origin.counted} counted"
+    ]
+    without = [source.source for source in origin.sources if not source.controls]
+    if without:
+        lines.append(f"no control was shot ({list_some(without, MAX_NAMED)}): the report says how to shoot one")
+    return lines
+
+
+def _print_lines(console: Console, lines: Iterable[str]) -> None:
+    for line in lines:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _print_all(console: Console, findings: Findings) -> None:
     for table in build_tables(findings.groups, findings.pairs, count_gated(findings), findings.training):
         console.print(table)
         console.print()
     print_sim_real(console, findings.sim_real)
     print_agreement(console, findings.renderers)
-    for headline in findings.headlines:
-        asked = f"{headline.question} " if headline.question else ""
-        words = f"{headline.source}: {asked}{headline.verdict}. {headline.sentence}"
-        console.print(words, markup=False, soft_wrap=True)
-    for line in (*describe_unseen(network, findings.training), *findings.gate_lines):
-        console.print(line, markup=False, soft_wrap=True)
+
+
+def build_outcomes(groups: Sequence[Group], pairs: Sequence[Comparison]) -> Table:
+    """Return a table of each object and booster against `unpatched`; of many rows only the pooled rows."""
+    changes = {(pair.source, pair.object, pair.second): pair.outcomes for pair in pairs}
+    paired = {source for source, _, _ in changes}
+    # with a booster beside it, `unpatched` is the first number of a row
+    rows = [group for group in groups if group.variant != UNPATCHED or group.source not in paired]
+    # verdicts name the source if there is a single one
+    heads = WHO if len({group.source for group in rows}) == 1 else ("source", *WHO)
+    cells = []
+    for group in pick_rows(rows, MAX_OUTCOMES):
+        found = changes.get((group.source, group.object, group.variant))
+        numbers = [f"{group.n_top1} of {group.n}", "", "", ""]
+        if found is not None:
+            correct = f"{found.n_first} → {found.n_second} of {found.n}"
+            numbers = [correct, str(found.only_second), str(found.only_first), format_p(found.mcnemar_p)]
+        cells.append([*(group.source, group.object, group.variant)[-len(heads) :], *numbers])
+    return build_table("", heads, ("correct", "gained", "lost", "p"), cells, bold=POOLED)
 
 
 def count_gated(findings: Findings) -> Counter[tuple[str, str, str]]:

@@ -405,7 +405,8 @@ def wrap_module(
         module: (b, 3, size, size) float images to (b, classes) logits, or probabilities.
         labels: name of each output.
         size: side of its input, to which an image's central square is resized.
-        mean, std: mean and standard deviation of sRGB-encoded values in 0 to 1; by default ImageNet's.
+        mean: mean of sRGB-encoded values in 0 to 1; by default ImageNet's.
+        std: their standard deviation; by default ImageNet's.
         name: name in results; by default its class.
         device: `auto`, `cpu` or `cuda`.
 

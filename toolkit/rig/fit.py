@@ -184,15 +184,16 @@ def describe_misfit(item: TableObject, size_mm: float, number: int = 1) -> str |
     else:
         if fit.lies:
             return None
-        empty = f"{fit.overhang:.0%} has nothing below, " if fit.overhang >= 0.005 else ""
-        trouble = (
-            f"{fit.floating:.0%} of the sheet is more than {FLOATING_OFF * size_mm:.0f} mm off the surface, {empty}"
-            f"{fit.loose:.0%} of its margin cannot be taped; it bends by {fit.bend_deg:.0f}° over a surface that "
-            f"rises and falls by {fit.relief_mm:.0f} mm"
-        )
+        trouble = f"it bends by {fit.bend_deg:.0f}°"
+        if fit.overhang > MOST_OVERHANG:
+            trouble = f"{fit.overhang:.0%} of the sheet has nothing below"
+        if fit.floating > MOST_FLOATING:
+            trouble = f"{fit.floating:.0%} of the sheet is more than {FLOATING_OFF * size_mm:.0f} mm off the surface"
+        if fit.loose > MOST_LOOSE:
+            trouble = f"{fit.loose:.0%} of its margin cannot be taped"
     which = "a patch" if is_only else f"sheet {number}, a patch"
-    said = f"{item.name}: {which} of {size_mm:.0f} mm does not lie on its {mount.at}: {trouble}"
-    return f"{said}; 'toolkit place --object {item.name}' shows where one lies"
+    said = f"{item.name}: {which} of {size_mm:.0f} mm does not fit flat on its {mount.at} ({trouble})"
+    return f"{said}; 'toolkit place --object {item.name}' shows where one fits"
 
 
 def mounted_sizes_mm(workspace: Workspace, item: TableObject) -> tuple[float, ...]:

@@ -340,7 +340,7 @@ def test_a_patch_is_trained_in_photographs_alone(workspace: Workspace, desk, mon
     asked += ["--batch", "2", "--mounted-views", "10", "--name", "desk"]
     code, said, told = run("--data", str(folder), *asked)
     assert code == 0, told
-    assert "rig18 on the object, held-out views" in said and "with grey paper" in said
+    assert "correct on the object" in said and "grey paper → patch: rig18" in said
     assert "bare.png" in told, "what shows no printed patch is listed"
     record = read_patch(workspace.patches_dir / "desk.png").record
     assert record.data["mounted_views_sha256"] and record.final["rig18_mounted_patched_n"] == 2
