@@ -5,7 +5,7 @@ A sheet that is larger than its place becomes a tent: it floats over what is bel
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial, reduce
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -109,9 +109,9 @@ def survey_heights(mesh: Mesh, T_object_sheet: np.ndarray, side: float) -> np.nd
     corners = local[mesh.faces[(beyond[a] & beyond[b] & beyond[c]) == 0]].astype(float)  # (m, 3, 3)
     grid = (corners[..., :2] / side + 0.5) * (SAMPLES - 1)
     # places of the grid within the bounds of each triangle
-    by_corner = grid[:, 0], grid[:, 1], grid[:, 2]  # sooner than along an axis of three
-    low = np.ceil(reduce(np.minimum, by_corner) - 1e-6).clip(0, SAMPLES).astype(int)
-    high = np.floor(reduce(np.maximum, by_corner) + 1e-6).clip(-1, SAMPLES - 1).astype(int)
+    first, second, third = grid[:, 0], grid[:, 1], grid[:, 2]  # sooner than along an axis of three
+    low = np.ceil(np.minimum(np.minimum(first, second), third) - 1e-6).clip(0, SAMPLES).astype(int)
+    high = np.floor(np.maximum(np.maximum(first, second), third) + 1e-6).clip(-1, SAMPLES - 1).astype(int)
     size = (high - low + 1).clip(0)
     # corners b and c from a, once for each triangle
     (left, top), (b_right, b_down) = grid[:, 0].T.copy(), (grid[:, 1] - grid[:, 0]).T.copy()
