@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from toolkit.cli import app
 from toolkit.core.workspace import make_workspace
+from toolkit.evaluation import survey
 
 SOURCE = """
 import torch
@@ -64,6 +65,26 @@ def test_the_bundled_one_is_at_hand_and_a_broken_one_is_a_row(space):
     assert rows["rig18"]["images_per_s"] is None  # only --speed takes the time
     assert rows["rig18"]["licence"] == "MIT" and rows["rig18"]["can_train"] and rows["rig18"]["classes"] == 36
     assert "not a program of torch.export" in rows["broken"]["why_not"]
+
+
+def test_a_second_list_is_the_same_without_loading_a_network_until_a_file_changes(space, monkeypatch):
+    monkeypatch.setenv("TOOLKIT_CACHE", str(space / "kept"))
+    loaded, load = [], survey.load_classifier
+    monkeypatch.setattr(survey, "load_classifier", lambda model, *rest: (loaded.append(model), load(model, *rest))[1])
+    own = space / "rig" / "classifiers"
+    own.mkdir(parents=True, exist_ok=True)
+    first, second = run("--json"), run("--json")
+    assert second.stdout == first.stdout and loaded == ["rig18"]
+    # a new file and a changed file are surveyed, a network that does not load each time
+    (own / "broken.pt2").write_bytes(b"noise")
+    assert [row["model"] for row in json.loads(run("--json").stdout)] == ["rig18", "broken"]
+    assert run("--json").exit_code == 1 and loaded.count("broken") > loaded.count("rig18") == 2
+    (own / "broken.pt2").unlink()
+    assert run("--json").stdout == first.stdout
+    # options that measure something, or name networks, are never answered from disk
+    before = len(loaded)
+    run("--model", "rig18", "--json")
+    assert len(loaded) == before + 1
 
 
 DETECTOR = Path(__file__).parents[2].parent / "shared/detectors/fastestdet.onnx"

@@ -84,3 +84,9 @@ def test_an_unsure_verdict_says_which_way_it_points(gained, lost, verdict):
     tone, said, why = judge_change("the patch", outcomes)
     assert said == verdict and tone == ("good" if gained == 6 else "open")
     assert f"{gained} became correct and {lost} became wrong (exact McNemar p = " in why
+
+
+def test_the_gates_are_loaded_only_for_photographs_that_were_judged(workspace, put, colour_classifier, monkeypatch):
+    put("real/racer/unpatched/pose_1.jpg", "racer")
+    monkeypatch.setattr("toolkit.evaluation.ground_truth.find_offer", None)
+    assert evaluate_captures(workspace.captures_dir, workspace, colour_classifier).gated == []

@@ -22,6 +22,7 @@ from toolkit.evaluation.metrics import (
     group_predictions,
     index_poses,
     pair_variants,
+    pair_with_unpatched,
 )
 from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.tables import list_unpaired
@@ -85,11 +86,11 @@ def one(pose_id, variant, rank, name="racer", source="sim", status="ok", tag="")
 def test_eighteen_one_way_flips():
     predictions = [one(pose, "unpatched", 7) for pose in range(1, 19)]
     predictions += [one(pose, "patched", 1) for pose in range(1, 19)]
-    racer, pooled = compare_unpatched(index_poses(predictions))
+    racer, pooled = compare_unpatched(pair_with_unpatched(index_poses(predictions)))
     assert (racer.object, pooled.object) == ("racer", "all")
     assert (racer.outcomes.n, racer.outcomes.only_second, racer.outcomes.only_first) == (18, 18, 0)
     assert racer.outcomes.mcnemar_p == pytest.approx(2 * 0.5**18)
-    assert explain_unpaired(predictions, index_poses(predictions)) == []
+    assert explain_unpaired(predictions, index_poses(predictions), pair_with_unpatched(index_poses(predictions))) == []
     groups = {(group.object, group.variant): group for group in group_predictions(predictions)}
     assert groups["racer", "unpatched"].top1 == 0
     assert groups["racer", "patched"].as_json() == {
@@ -140,12 +141,12 @@ def test_what_has_no_partner_is_listed():
         one(1, "unpatched", 1, name="alone"),
     ]
     poses = index_poses(predictions)
-    (row, _) = compare_unpatched(poses)
+    (row, _) = compare_unpatched(pair_with_unpatched(poses))
     assert row.as_pair() == {
         "source": "sim", "object": "racer", "variant": "patched", "n_pairs": 1, "n_first": 1, "n_second": 0,
         "gained": 0, "lost": 1, "mcnemar_p": 1.0,
     }  # fmt: skip
-    reasons = dict(explain_unpaired(predictions, poses))
+    reasons = dict(explain_unpaired(predictions, poses, pair_with_unpatched(poses)))
     assert set(reasons) == {f"sim/racer/{p}.png" for p in ("patched/2", "patched/3", "unpatched/4", "patched/None")}
     assert "no unpatched image of pose 2" in reasons["sim/racer/patched/2.png"]
     assert "could not be read" in reasons["sim/racer/patched/3.png"]
@@ -163,14 +164,14 @@ def test_of_two_images_of_a_pose_the_first_that_was_read_is_paired():
     poses = index_poses(predictions)
     pairs = pair_variants(poses, "unpatched", "patched")
     assert [(pair.first.capture.path, pair.is_gained) for pair in pairs] == [("sim/racer/unpatched/1b.png", True)]
-    assert explain_unpaired(predictions, poses) == []
+    assert explain_unpaired(predictions, poses, pair_with_unpatched(poses)) == []
 
 
 def test_several_variants_each_against_unpatched():
     predictions = [one(pose, "unpatched", 2) for pose in range(8)]
     predictions += [one(pose, "patched", 1) for pose in range(8)]
     predictions += [one(pose, "qr-code", 3) for pose in range(8)]
-    pairs = compare_unpatched(index_poses(predictions))
+    pairs = compare_unpatched(pair_with_unpatched(index_poses(predictions)))
     assert [(p.object, p.second, p.outcomes.only_second) for p in pairs] == [
         ("racer", "patched", 8),
         ("racer", "qr-code", 0),
@@ -186,7 +187,9 @@ def test_an_object_that_was_shot_bare_alone_is_not_counted_against_the_patch():
     predictions = [one(pose, "unpatched", 2) for pose in range(8)]
     predictions += [one(pose, "patched", 1 + pose % 2) for pose in range(8)]
     predictions += [one(pose, "unpatched", 1, name="known") for pose in range(8)]
-    (headline,) = write_headlines("net", group_predictions(predictions), compare_unpatched(index_poses(predictions)))
+    (headline,) = write_headlines(
+        "net", group_predictions(predictions), compare_unpatched(pair_with_unpatched(index_poses(predictions)))
+    )
     assert headline.sentence.startswith("net is correct on 4 of 8 (50 %")
     assert "with the patch and on 0 of 8 (0 %" in headline.sentence
     assert "without, at the 8 poses shot both ways. Of 8 pairs, 4 became correct" in headline.sentence
@@ -213,7 +216,7 @@ def test_a_variant_that_was_shot_by_another_plan_is_set_aside():
     seen = [seen_from(bare, 35), seen_from(one(2, "unpatched", 9), 35), seen_from(same, 35.5), seen_from(stale, 44)]
     poses = index_poses(seen)
     assert [pair.second.capture.pose_id for pair in pair_variants(poses, "unpatched", "textured")] == [1]
-    reasons = dict(explain_unpaired(seen, poses))
+    reasons = dict(explain_unpaired(seen, poses, pair_with_unpatched(poses)))
     assert sorted(reasons) == ["sim/racer/textured/2.png", "sim/racer/unpatched/2.png"]
     assert reasons["sim/racer/textured/2.png"] == "no pair: other cameras (9° apart) than sim/racer/unpatched/2.png"
     no_pairs = count_no_pairs(poses)

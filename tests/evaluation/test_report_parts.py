@@ -20,7 +20,14 @@ from toolkit.evaluation.contact_sheet import (
     read_direction,
 )
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.evaluation.metrics import MAX_FLIPS, compare_unpatched, group_predictions, index_poses, list_flips
+from toolkit.evaluation.metrics import (
+    MAX_FLIPS,
+    compare_unpatched,
+    group_predictions,
+    index_poses,
+    list_flips,
+    pair_with_unpatched,
+)
 from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.tables import build_tables
 from toolkit.rig.camera import orbit_pose
@@ -112,7 +119,7 @@ def test_flips_are_sorted_and_counted():
     seen = [one(pose, "unpatched", right=pose >= 50) for pose in range(60)] + [
         one(pose, right=pose < 50) for pose in range(60)
     ]
-    gained, lost = list_flips(index_poses(seen))
+    gained, lost = list_flips(pair_with_unpatched(index_poses(seen)))
     assert (len(gained.shown), gained.n, len(lost.shown), lost.n) == (MAX_FLIPS, 50, 10, 10)
     assert all(len(card.cells) == 2 for card in lay_out_flips(gained))
 
@@ -134,7 +141,7 @@ def test_thumbnails_are_small_upright_jpegs(tmp_path, colour_classifier):
 
 def printed(seen) -> str:
     console = Console(width=80, record=True, file=io.StringIO())
-    for table in build_tables(group_predictions(seen), compare_unpatched(index_poses(seen))):
+    for table in build_tables(group_predictions(seen), compare_unpatched(pair_with_unpatched(index_poses(seen)))):
         console.print(table)
     return console.export_text()
 

@@ -17,7 +17,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.evaluation.compare import compare_runs
 from toolkit.evaluation.compare_tables import CLUSTER, GUESS, IMAGE, RIGHT, TRUTH, compare_tables
-from toolkit.evaluation.metrics import index_poses, list_flips
+from toolkit.evaluation.metrics import index_poses, list_flips, pair_with_unpatched
 from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.predictions_csv import encode_predictions, read_predictions
 from toolkit.evaluation.results import compare_predictions
@@ -83,7 +83,7 @@ def test_rows_of_any_shape_take_work_in_proportion(tmp_path, shape):
 
         def work(run=run, n=n):
             found = read_predictions(run, tmp_path)
-            list_flips(index_poses(found))
+            list_flips(pair_with_unpatched(index_poses(found)))
             compare_predictions("net", found)
             assert compare_runs(space, run, run, tmp_path).pooled.n == n
 

@@ -194,7 +194,11 @@ def list_models(
     from toolkit.evaluation import survey
 
     folder = open_workspace(workspace).classifiers_dir
-    rows = survey.survey_models(model or survey.list_models(folder), device, folder, data, speed)
+    # a plain list does not depend on the device, and is kept
+    if model or data or speed or device == "cuda":
+        rows = survey.survey_models(model or survey.list_models(folder), device, folder, data, speed)
+    else:
+        rows = survey.survey_local(folder)
     if as_json:
         show_json([asdict(row) for row in rows])
     else:

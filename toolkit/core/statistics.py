@@ -1,5 +1,6 @@
 """Statistics of few images: intervals of shares, exact tests and intervals of pairs, bootstrap, ranks."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -94,8 +95,8 @@ class PairedOutcomes:
     @classmethod
     def count(cls, outcomes: Iterable[tuple[bool, bool]]) -> "PairedOutcomes":
         """Return the table of (first is correct, second is correct) of every pair."""
-        seen = [(bool(first), bool(second)) for first, second in outcomes]
-        return cls(*(seen.count(cell) for cell in ((True, True), (True, False), (False, True), (False, False))))
+        seen = Counter(outcomes)
+        return cls(*(seen[cell] for cell in ((True, True), (True, False), (False, True), (False, False))))
 
     @property
     def n(self) -> int:

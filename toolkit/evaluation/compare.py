@@ -33,6 +33,7 @@ from toolkit.evaluation.metrics import (
     gather,
     index_poses,
     list_flips,
+    pair_with_unpatched,
     rank_variant,
 )
 from toolkit.evaluation.origin import explain_replaced
@@ -366,8 +367,8 @@ def _gather_flips(workspace: Workspace, runs: Sequence[Run]) -> tuple[list[tuple
         except ToolkitError as error:
             refused.append((run.name, str(error)))
             continue
-        flips = [pair for some in list_flips(index_poses(predictions)) for pair in some.shown[:MAX_FLIPS_OF_RUN]]
-        decks.append([(run, pair) for pair in flips])
+        flips = list_flips(pair_with_unpatched(index_poses(predictions)))
+        decks.append([(run, pair) for some in flips for pair in some.shown[:MAX_FLIPS_OF_RUN]])
     longest = max(map(len, decks), default=0)
     return [deck[at] for at in range(longest) for deck in decks if at < len(deck)], refused
 

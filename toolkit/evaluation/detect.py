@@ -32,6 +32,7 @@ from toolkit.evaluation.metrics import (
     group_images,
     index_poses,
     name_booster,
+    pair_with_unpatched,
     rank_variant,
 )
 from toolkit.evaluation.origin import Origin, find_origin
@@ -247,7 +248,8 @@ def evaluate_detector(
     images = detect_captures([capture for capture in wanted if capture.file in truths], truths, classes, detector)
     predictions = [image.as_prediction(detector.labels) for image in images]
     poses = index_poses(predictions)
-    pairs = (*compare_unpatched(poses), *compare_controls(poses))
+    against_none = compare_unpatched(pair_with_unpatched(poses))
+    pairs = (*against_none, *compare_controls(poses))
     groups = tuple(group_detections(images))
     failed = [(image.capture.path, image.status) for image in images if image.seen is None]
     # the run folder
@@ -264,7 +266,7 @@ def evaluate_detector(
         **begin_summary("detections", detector), "rests_on": origin.as_json(),
         "found": {"iou": FOUND_IOU, "score": FOUND_SCORE},
         "groups": [group.as_json() for group in groups],
-        "pairs": [comparison.as_pair() for comparison in compare_unpatched(poses)],
+        "pairs": [comparison.as_pair() for comparison in against_none],
         "boosters": [booster.as_json() for booster in training],
         "corrupted": list_corrupted(image.capture for image in images), "notes": list(notes),
     }  # fmt: skip

@@ -60,12 +60,14 @@ def read_labelled_captures(
     """
     folder = read_captures(captures_dir, config.selection, trust_files=config.trust_files)
     folder = leave_out_unknown(folder, workspace, classifier)
-    # the room of photographs knows the gates that a photograph failed
-    if mark := find_offer("failed gates"):
-        folder = mark(folder)
-    elif judged := sorted({item.source for item in folder.captures if (item.source_dir / GATES_FILE).is_file()}):
-        note = f"{explain_missing('failed gates')} ({', '.join(judged)})"
-        folder = replace(folder, notes=(*folder.notes, note))
+    # the room of photographs, which is loaded only here, knows the gates that a photograph failed
+    places = {(item.source_dir, item.source) for item in folder.captures}
+    if judged := sorted({source for place, source in places if (place / GATES_FILE).is_file()}):
+        if mark := find_offer("failed gates"):
+            folder = mark(folder)
+        else:
+            note = f"{explain_missing('failed gates')} ({', '.join(judged)})"
+            folder = replace(folder, notes=(*folder.notes, note))
     folder = add_corrupted(folder, config.corruptions)
     return folder, find_true_classes(folder, workspace, classifier)
 

@@ -375,9 +375,13 @@ def _pair_poses(first: dict[int, Prediction], other: dict[int, Prediction]) -> l
     return [pair for pair in shared if pair.first.is_read and pair.second.is_read and pair.is_alike]
 
 
-def pair_with_unpatched(poses: Poses) -> dict[str, list[Pair]]:
+PairsOf = dict[str, list[Pair]]
+"""Variant -> its pairs with `unpatched`."""
+
+
+def pair_with_unpatched(poses: Poses) -> PairsOf:
     """Return the pairs of each variant with `unpatched`; variants without a pair are left out."""
-    found: dict[str, list[Pair]] = defaultdict(list)
+    found: PairsOf = defaultdict(list)
     for variants in poses.values():  # objects may have different variants
         unpatched = variants.get(UNPATCHED, {})
         for name in variants.keys() - {UNPATCHED} if unpatched else ():
@@ -414,9 +418,9 @@ def explain_pooling(rows: Sequence[Comparison]) -> list[str]:
     return lines
 
 
-def compare_unpatched(poses: Poses) -> list[Comparison]:
+def compare_unpatched(paired: PairsOf) -> list[Comparison]:
     """Compare each variant with `unpatched`, by source, object (`all` last) and variant."""
-    return _sort_rows([row for pairs in pair_with_unpatched(poses).values() for row in compare_pairs(pairs)])
+    return _sort_rows([row for pairs in paired.values() for row in compare_pairs(pairs)])
 
 
 def compare_controls(poses: Poses) -> list[Comparison]:
@@ -428,20 +432,22 @@ def _sort_rows(rows: list[Comparison]) -> list[Comparison]:
     return sorted(rows, key=lambda row: (row.source, row.object == POOLED, row.object))  # stable: variants keep order
 
 
-def explain_unpaired(predictions: Sequence[Prediction], poses: Poses) -> list[tuple[str, str]]:
+def explain_unpaired(predictions: Sequence[Prediction], poses: Poses, paired: PairsOf) -> list[tuple[str, str]]:
     """Return (path, reason) of every readable image without a partner in `unpatched`, or in any other variant.
 
     Objects with a single variant have no pairs, and are not listed.
     """
+    known = {id(prediction) for pairs in paired.values() for pair in pairs for prediction in (pair.first, pair.second)}
+    left = [prediction for prediction in predictions if prediction.is_read and id(prediction) not in known]
     partners: dict[tuple[tuple[str, str], bool, int], list[Prediction]] = defaultdict(list)
-    for key, variants in poses.items():
+    for key, variants in poses.items() if left else ():
         for name, own in variants.items():
             for pose_id, prediction in own.items():
                 partners[key, name == UNPATCHED, pose_id].append(prediction)
     unpaired = []
-    for prediction in predictions:
+    for prediction in left:
         capture, key = prediction.capture, (prediction.capture.source, prediction.capture.object)
-        if len(poses[key]) == 1 or not prediction.is_read:
+        if len(poses[key]) == 1:
             continue
         is_unpatched = capture.variant == UNPATCHED
         others = partners.get((key, not is_unpatched, capture.pose_id), []) if capture.pose_id is not None else []
@@ -509,9 +515,9 @@ class FlipList:
         return sum(count for _, count in self.counts)
 
 
-def list_flips(poses: Poses) -> tuple[FlipList, FlipList]:
+def list_flips(paired: PairsOf) -> tuple[FlipList, FlipList]:
     """Return the pairs gained and lost against `unpatched`, without `patch-alone`; at most 40 of each are shown."""
-    pairs = [pair for name, own in pair_with_unpatched(poses).items() if name != ALONE for pair in own]
+    pairs = [pair for name, own in paired.items() if name != ALONE for pair in own]
     gained, lost = [pair for pair in pairs if pair.is_gained], [pair for pair in pairs if pair.is_lost]
     return _pick_flips("gained", gained), _pick_flips("lost", lost)
 

@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
+from functools import lru_cache
 from pathlib import Path
 from sys import intern
 from typing import TYPE_CHECKING, Any, Protocol
@@ -125,6 +126,7 @@ MOST_SHOWN, MOST_NUMBER = 40, 2**31 - 1
 """Letters of a wrong cell in a message; largest class or pose number, 32 bits as in Parquet."""
 
 
+@lru_cache(maxsize=1 << 14)  # poses, classes and ranks repeat
 def _read_number(cell: str, least: int) -> int:
     # Python refuses very long numbers
     number = int(cell) if len(cell) < 20 else MOST_NUMBER + 1

@@ -29,6 +29,7 @@ from toolkit.evaluation.metrics import (
     group_predictions,
     index_poses,
     list_flips,
+    pair_with_unpatched,
 )
 from toolkit.evaluation.origin import Origin
 from toolkit.evaluation.prediction import Prediction
@@ -204,8 +205,8 @@ def compare_predictions(
 ) -> Findings:
     """Count, pair and test predictions, and describe the result of the network of that name."""
     poses = index_poses(predictions)
-    groups = group_predictions(predictions)
-    pairs, comparisons = compare_unpatched(poses), compare_controls(poses)
+    groups, paired = group_predictions(predictions), pair_with_unpatched(poses)
+    pairs, comparisons = compare_unpatched(paired), compare_controls(poses)
     sim_real = compare_sim_real(predictions)
     renderers = compare_renderers(predictions)
     headlines = write_headlines(network, groups, [*pairs, *comparisons]) + write_sim_real(network, sim_real)
@@ -214,8 +215,8 @@ def compare_predictions(
     unread = [(prediction.capture.path, prediction.status) for prediction in predictions if not prediction.is_read]
     return Findings(
         tuple(predictions), groups=tuple(groups), pairs=tuple(pairs), comparisons=tuple(comparisons),
-        headlines=tuple(headlines), flips=list_flips(poses), failed=(*unread, *refused_folders),
-        unpaired=(*explain_unpaired(predictions, poses), *explain_apart(predictions)),
+        headlines=tuple(headlines), flips=list_flips(paired), failed=(*unread, *refused_folders),
+        unpaired=(*explain_unpaired(predictions, poses, paired), *explain_apart(predictions)),
         no_pairs=tuple(count_no_pairs(poses)), sim_real=tuple(sim_real), renderers=tuple(renderers),
         # once more without the photographs that failed a gate
         passed=compare_predictions(network, good, refused_folders) if 0 < len(good) < len(predictions) else None,

@@ -1,13 +1,15 @@
 """List the networks on this machine: abilities, accuracy on a folder, and speed."""
 
+import json
+import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-import torch
 
+from toolkit.core.cache import Arrays, keep_arrays
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import wilson_interval
@@ -18,10 +20,9 @@ from toolkit.models.detector import Detector
 from toolkit.models.find import BUNDLED_DIR, list_own, may_be_detector
 from toolkit.models.labels import read_labels_file
 from toolkit.models.load import bundled_file, load_classifier
-from toolkit.models.load_detector import is_detector, load_detector
 from toolkit.models.network import Classifier
 from toolkit.models.predict import predict_stream
-from toolkit.models.weights import cache_dir, find_local
+from toolkit.models.weights import cache_dir, find_local, weights_folder
 from toolkit.training.images import open_images
 
 SPEED_S = 1.0
@@ -71,6 +72,34 @@ def list_models(folder: Path | None = None) -> list[str]:
     return [*own, *published]
 
 
+def survey_local(folder: Path | None = None) -> list[SurveyedModel]:
+    """Survey all of `list_models`; rows of the last survey are used again until a file changes its size or time.
+
+    Installed packages count too, as some networks need them. Networks that did not load are tried again.
+    """
+    places = [place for place in (BUNDLED_DIR, folder, weights_folder(), cache_dir()) if place is not None]
+    files = [*(file for place in places for file in place.glob("*")), *map(Path, filter(None, sys.path))]
+
+    def make() -> Arrays:
+        rows = [asdict(row) for row in survey_models(list_models(folder), folder=folder)]
+        return {"rows": np.frombuffer(json.dumps(rows).encode(), np.uint8)}
+
+    kept = keep_arrays("models", [sys.version, *places, *map(_stamp, sorted(files))], make)
+    rows = [SurveyedModel(**row) for row in json.loads(kept["rows"].tobytes())]
+    broken = [row.model for row in rows if row.classes is None]
+    again = {row.model: row for row in survey_models(broken, folder=folder)} if broken else {}
+    return [again.get(row.model, row) for row in rows]
+
+
+def _stamp(file: Path) -> tuple[str | int, ...]:
+    """Return a file's path, size and time; the path alone if the others cannot be read."""
+    try:
+        facts = file.stat()
+    except OSError:
+        return (str(file),)
+    return str(file), facts.st_size, facts.st_mtime_ns
+
+
 def survey_models(
     models: Sequence[str], device: str = "auto", folder: Path | None = None, data: str | None = None,
     with_speed: bool = False,
@@ -80,6 +109,8 @@ def survey_models(
     Args:
         data: folder with a folder per class (its val/ or test/, if it exists); None: no accuracy.
     """
+    from toolkit.models.load_detector import is_detector, load_detector
+
     rows = []
     with progress("networks", len(models)) as ticker:
         for model in models:
@@ -143,6 +174,8 @@ def _survey_detector(model: str, detector: Detector, with_speed: bool) -> Survey
 
 def measure_speed(classifier: Classifier, backward: bool = False) -> float:
     """Return images per second without preprocessing; with `backward`, including the gradient of the image."""
+    import torch
+
     side = classifier.preprocessing.crop_px
     batch = torch.rand(BATCH, 3, side, side, device=classifier.device, requires_grad=backward)
 

@@ -5,6 +5,7 @@ import math
 import os
 import re
 import socket
+import sys
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -106,10 +107,12 @@ def weights_folder() -> Path | None:
 
 
 def cache_dir() -> Path:
-    """Return torch's folder of downloads."""
-    import torch
-
-    return Path(torch.hub.get_dir()) / "checkpoints"
+    """Return torch's folder of downloads, without loading torch for it."""
+    if "torch" in sys.modules:
+        return Path(sys.modules["torch"].hub.get_dir()) / "checkpoints"
+    # as `torch.hub.get_dir` finds it in a new process
+    home = os.environ.get("TORCH_HOME") or f"{os.environ.get('XDG_CACHE_HOME') or '~/.cache'}/torch"
+    return Path(home).expanduser() / "hub" / "checkpoints"
 
 
 RENEW = "download the file again, or save it again with torch.save(model.state_dict(), FILE)"

@@ -8,6 +8,7 @@ import numpy as np
 
 from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
+from toolkit.core.threads import map_ahead
 from toolkit.objects.atlas import make_atlas, take_paint
 from toolkit.objects.flatten import Surface, lay_triangles, weld_surface
 from toolkit.objects.grow import find_pieces
@@ -25,6 +26,7 @@ from toolkit.rig import WrapConfig
 from toolkit.rig.camera import Camera
 from toolkit.rig.livery import draw_pattern, read_livery, read_picture
 from toolkit.rig.patch_places import draw_poses
+from toolkit.rig.plan import Pose
 
 LIFT_MM = 0.05
 FINEST_MM = 0.1
@@ -193,7 +195,8 @@ def look_at_faces(item: TableObject, views: int, seed: int) -> tuple[np.ndarray,
     share = (area / count)[face]
     scene, camera = make_ray_scene(item.mesh), Camera.from_fov(224, 224, 45.0)
     seen = np.zeros(len(points))
-    for pose in draw_poses(item, camera, views, seed):
+
+    def look(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
         towards = pose.matrix()[:3, 3] - points
         distance = np.linalg.norm(towards, axis=1)
         cosine = (normals[face] * towards).sum(axis=1) / distance
@@ -201,7 +204,10 @@ def look_at_faces(item: TableObject, views: int, seed: int) -> tuple[np.ndarray,
         rays = np.concatenate([points[rows], towards[rows] / distance[rows, None]], axis=1)
         free = cast_rays(scene, rays) >= distance[rows]
         # area on the picture: area · cosine · (focal length / distance)²
-        seen[rows] += free * share[rows] * cosine[rows] * (camera.fx / distance[rows]) ** 2
+        return rows, free * share[rows] * cosine[rows] * (camera.fx / distance[rows]) ** 2
+
+    for rows, pixels in map_ahead(look, draw_poses(item, camera, views, seed)):
+        seen[rows] += pixels
     # a hand: enough directions with room for a finger, and some that lead out
     room, out = np.zeros(len(points)), np.zeros(len(points))
     for direction in _spread_directions(DIRECTIONS):

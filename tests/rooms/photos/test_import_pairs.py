@@ -14,7 +14,7 @@ from toolkit.captures.read import read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.evaluation.metrics import compare_unpatched, index_poses
+from toolkit.evaluation.metrics import compare_unpatched, index_poses, pair_with_unpatched
 from toolkit.evaluation.prediction import Prediction
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rooms.photos.config import ImportSettings
@@ -110,7 +110,9 @@ def test_each_variant_is_compared_with_the_bare_one(space, photos, tmp_path):
         )
         for one in read_captures(space.captures_dir).captures
     ]  # fmt: skip
-    rows = {row.second: row for row in compare_unpatched(index_poses(answers)) if row.object == "desk"}
+    rows = {
+        row.second: row for row in compare_unpatched(pair_with_unpatched(index_poses(answers))) if row.object == "desk"
+    }
     assert {name: (len(row.pairs), row.outcomes.only_second) for name, row in rows.items()} == {
         "bear1": (3, 3),
         "bearcontrol": (3, 1),
