@@ -78,7 +78,7 @@ def test_the_readme_says_which_gains_hold_in_three_renderers() -> None:
     from findings import JUDGES, Findings, say_p
 
     of, readme = Findings(TABLES), (DOCS.parent / "README.md").read_text(encoding="utf-8")
-    rows = of.rows("renderers")
+    rows = [row for row in of.rows("renderers") if row["run"].startswith("renderers-")]
     kinds = {(row["run"], row["variant"]) for row in rows}
     held = {
         kind for kind in kinds

@@ -61,7 +61,7 @@ from toolkit.objects.atlas import apply_texture
 from toolkit.objects.export_mesh import to_glb
 from toolkit.objects.records import Texture, glb_name, read_texture, write_texture
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
-from toolkit.rig.renderers import RAYCAST, make_renderer
+from toolkit.rig.renderers import RAYCAST, check_starts, make_renderer
 from toolkit.rig.studio import make_studio
 from toolkit.rig.views import DETAIL, FOV_DEG, IN_STUDIO, PaintableObject, RenderedView, ViewStream
 from toolkit.training.loop import History
@@ -139,6 +139,7 @@ def train_texture(
         ToolkitError: the settings, an object, the photographs or a checkpoint cannot be used, or the disk is full.
     """
     config.check_backgrounds()
+    check_starts(config.renderer)
     keep_image = None if config.keep_image is None else read_keep_image(config.keep_image)
     objects = load_objects(workspace, config, keep_image)
     config, targets = meet_networks(config, networks, choose_class(class_name, objects))
@@ -221,7 +222,8 @@ class SurfaceTask(BoosterTask[Trained]):
         """Every setting that acts."""
         names, inputs = describe_targets(self.targets), self.inputs
         world = None if inputs.setting is None else inputs.setting.describe([item.mesh for item in inputs.at_real_size])
-        return self.config.lines(self.targets[0].label, [item.describe() for item in inputs.objects], names, world)
+        objects = [item.describe() for item in inputs.objects]
+        return self.config.lines(self.targets[0].label, objects, names, world, self.image_px)
 
     @contextmanager
     def open(self) -> Iterator[None]:
@@ -232,6 +234,7 @@ class SurfaceTask(BoosterTask[Trained]):
         self._stream = ViewStream(
             self.inputs.at_real_size, views, self.config.seed, self.config.groups, self._workers,
             setting=self.inputs.setting or IN_STUDIO, with_depth=self.config.weather is not None,
+            renderer=self.config.renderer,
         )  # fmt: skip
         with self._stream:
             if self.inputs.paint is not None:
