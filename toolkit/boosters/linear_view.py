@@ -6,7 +6,7 @@ The material may be the object's own, or the sheet that is stuck on it: both are
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -173,7 +173,7 @@ class ViewBatch:
             pixels.append((row * side + column)[inside])
             # a slice copies nothing where the whole view is inside
             chosen.append(span if len(inside) == len(row) else inside + span.start)
-        samples = {
+        samples: dict[str, Any] = {
             name: torch.cat([getattr(self, name)[some] for some in chosen]).to(dtype)
             for name in ("uv", "lod", "gain", "share")
         }
