@@ -22,7 +22,7 @@ def shared_views(rendered_views, monkeypatch):
     render = views.render_block
 
     def render_once(subjects, settings, seed, kind, block, **where):
-        if where["with_depth"] or where["setting"] is not views.IN_STUDIO:
+        if where["with_depth"] or where["setting"] is not views.IN_STUDIO or where["renderer"] != views.RAYCAST:
             return render(subjects, settings, seed, kind, block, **where)
         if any(type(one) is not views.PaintableObject for one in subjects):  # looks another way in each block
             return render(subjects, settings, seed, kind, block, **where)

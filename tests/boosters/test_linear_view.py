@@ -70,17 +70,13 @@ def test_both_gradients_show_the_same_picture(views, noise):
     assert torch.equal(show_texture(texture, batch, "shaded"), show_texture(texture, batch, "linear"))
 
 
-def as_double(batch):
-    return replace(batch, **{k: v.double() for k, v in vars(batch).items() if k != "counts" and v.is_floating_point()})
-
-
 def difference_along(function, texture, direction, step=1e-5):
     return (function(texture + step * direction) - function(texture - step * direction)) / (2 * step)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_shaded_gradient_is_the_slope_of_the_picture(views, noise, seed):
-    batch = as_double(batch_views(views[0], "cpu"))
+    batch = batch_views(views[0], "cpu").to(torch.float64)
     rng = np.random.default_rng(seed)
     texture = to_tensor(noise).mul(0.8).add(0.1).requires_grad_()
     weight = torch.from_numpy(rng.standard_normal((2, 3, SIDE, SIDE)))
@@ -98,7 +94,7 @@ def test_the_shaded_gradient_is_the_slope_of_the_picture(views, noise, seed):
 def test_the_straight_through_gradient_is_the_slope_of_the_linear_approximation(views, noise, seed):
     """`x_drend` written out by hand: at each pixel the texture where the UV buffer points, times coverage."""
     taken = views[0]
-    batch = as_double(batch_views(taken, "cpu"))
+    batch = batch_views(taken, "cpu").to(torch.float64)
     rng = np.random.default_rng(seed)
     texture = to_tensor(noise).requires_grad_()
     weight = torch.from_numpy(rng.standard_normal((2, 3, SIDE, SIDE)))
@@ -117,6 +113,41 @@ def test_the_straight_through_gradient_is_the_slope_of_the_linear_approximation(
     (gradient,) = torch.autograd.grad((show_texture(texture, batch, "linear") * weight).sum(), texture)
     slope = difference_along(drend, texture.detach(), direction, 0.1)  # linear: any step does, a long one rounds less
     assert (gradient * direction).sum().item() == pytest.approx(slope, rel=1e-4)
+
+
+@pytest.mark.parametrize("gradient", ["shaded", "linear"])
+def test_another_renderers_picture_is_shown_and_the_gradient_stays(views, noise, gradient):
+    """Its picture is even, and as bright as the texture's first texel."""
+    repaint = lambda pixels: np.full((SIDE, SIDE, 3), pixels[0, 0, 0] / 510, np.float32)  # noqa: E731
+    taken = [replace(view, repaint=repaint) for view in views[0]]
+    texture = to_tensor(noise).float().requires_grad_()
+    grey = finish.tone_map(np.full((1, 1, 3), noise[0, 0, 0] / 510 * 0.9, np.float32), (0,), noise=0, falloff=0) / 255
+    photograph = np.full((SIDE, SIDE, 3), 0.25, np.float32)
+    for behind in (None, [photograph, None]):
+        shown, alone = (
+            show_texture(texture, batch_views(some, "cpu", behind), gradient, 0.9) for some in (taken, views[0])
+        )
+        outside = torch.from_numpy(taken[0].coverage == 0) if behind else torch.zeros(SIDE, SIDE, dtype=torch.bool)
+        inside = torch.from_numpy(np.stack([taken[0].coverage == 1, np.ones((SIDE, SIDE), bool)]))
+        assert torch.allclose(shown.permute(0, 2, 3, 1)[inside], torch.from_numpy(grey[0, 0]).float(), atol=0.003)
+        assert torch.equal(shown[0][:, outside], alone[0][:, outside])
+        gradients = [torch.autograd.grad((one * alone.detach()).sum(), texture)[0] for one in (shown, alone)]
+        assert torch.equal(*gradients) and gradients[0].any()
+
+
+def test_on_the_rim_the_photograph_takes_the_place_of_the_table(crate, views, noise):
+    """Repainted by the same renderer, the picture is that of its linear views, photograph and rim included."""
+    taken, studio, camera, poses = views
+    renderer = RaycastRenderer(apply_texture(crate, noise), studio)
+    again = [
+        replace(view, repaint=lambda pixels, pose=pose: renderer.render(camera, pose))
+        for view, pose in zip(taken, poses, strict=True)
+    ]
+    photographs = [np.random.default_rng(2).random((SIDE, SIDE, 3), np.float32) for _ in poses]
+    texture = to_tensor(noise).float()
+    expected, shown = (show_texture(texture, batch_views(some, "cpu", photographs)) for some in (taken, again))
+    difference = (shown - expected).abs()
+    assert difference.max() < 0.03 and difference.mean() < 0.002
 
 
 def test_texels_that_no_view_shows_have_no_gradient(views, noise):

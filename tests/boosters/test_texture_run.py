@@ -1,5 +1,6 @@
 """From request to files, through kills."""
 
+import re
 import shutil
 from dataclasses import replace
 
@@ -22,6 +23,7 @@ from toolkit.objects.load import TableObject, load_object, read_mesh
 from toolkit.objects.mesh import Material
 from toolkit.objects.records import read_texture
 from toolkit.objects.spec import ObjectSpec
+from toolkit.rig.renderers import RENDERERS, make_renderer
 from toolkit.rig.views import ViewStream
 from toolkit.training.loop import fit
 
@@ -241,11 +243,43 @@ def test_optimisers_go_down_a_bowl(name):
         ({"optimiser": "lion"}, "optimiser"),
         ({"gradient": "exact"}, "gradient"),
         ({"reuse": 0}, "reuse 0: expected at least 1"),
+        ({"renderer": "raycat"}, "did you mean raycast"),
+        ({"renderer": "filament", "weather": ["fog:1"]}, "renderer filament: draws no weather: leave weather out"),
+        ({"renderer": "filament", "world": "city"}, "filament draws studios alone: use raycast or mitsuba"),
     ],
 )
 def test_a_request_that_cannot_be_is_refused(change, message):
     with pytest.raises(ToolkitError, match=message):
         crate_config(**change)
+
+
+def test_a_renderer_that_cannot_start_is_refused(space, monkeypatch):
+    absent = replace(RENDERERS["raycast"], find_trouble=lambda: "it is away", fix="fetch it")
+    monkeypatch.setitem(RENDERERS, "away", absent)
+    with pytest.raises(ToolkitError, match="the renderer away cannot start: it is away: run 'fetch it'"):
+        run(space, crate_config(renderer="away"))
+
+
+def test_another_renderer_makes_another_texture_and_is_recorded(space, monkeypatch, capsys):
+    """A quarter as bright: the network answers its images. Another version of the renderer is another run."""
+    dim = replace(RENDERERS["raycast"], version=3, make=make_dim, describe=lambda: ("dim 1.0", ""))
+    monkeypatch.setitem(RENDERERS, "dim", dim)
+    config = crate_config(2, renderer="dim")
+    made = run(space, config, quiet=False)
+    assert re.search(r"  renderer +dim\n", capsys.readouterr().err)
+    record = made.texture.record
+    assert record.settings["renderer"] == {"name": "dim", "version": 3, "library": "dim 1.0"}
+    assert run(space, config).was_finished
+    monkeypatch.setitem(RENDERERS, "dim", replace(dim, version=4))
+    assert not run(space, config).was_finished
+    usual = run(space, crate_config(2), out=space.root / "usual").texture.record
+    assert "renderer" not in usual.settings
+    # signs of a tiny network's gradient may agree, its answers do not
+    assert usual.final["loss"] != record.final["loss"]
+
+
+def make_dim(mesh, scene, detail, stand):
+    return make_renderer("raycast", mesh, replace(scene, exposure=scene.exposure / 4), detail, stand)
 
 
 def test_photographs_that_are_not_named_are_refused(space):

@@ -67,6 +67,8 @@ def test_a_keep_image_needs_coordinates_of_the_mesh_itself(type_command):
         (["--object", "crate", "--size-px", "5000"], "8 to 1024"),
         (["--object", "crate", "--optimiser", "lion"], "--optimiser lion: expected sign, sgd or adam"),
         (["--object", "crate", "--gradient", "exact"], "--gradient exact: expected shaded or linear"),
+        (["--object", "crate", "--renderer", "povray"], "raycast, filament, mitsuba"),
+        (["--object", "crate", "--renderer", "mitsuba", "--weather", "fog:2"], "--renderer mitsuba: draws no weather"),
         (["--object", "crate", "--recipe", "best"], "default, paper"),
         (["--object", "crate", "--recipe", "paper"], "--background-folder"),
         (["--object", "crate", "--backgrounds", "nowhere"], "--background-folder nowhere does not exist"),

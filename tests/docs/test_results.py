@@ -74,6 +74,31 @@ def test_the_readme_says_what_the_tables_say() -> None:
         assert said in readme
 
 
+def test_the_readme_says_which_gains_hold_in_three_renderers() -> None:
+    from findings import JUDGES, Findings, say_p
+
+    of, readme = Findings(TABLES), (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    rows = [row for row in of.rows("renderers") if row["run"].startswith("renderers-")]
+    kinds = {(row["run"], row["variant"]) for row in rows}
+    held = {
+        kind for kind in kinds
+        if all(float(row["mcnemar_p"]) < 0.05 for row in rows if (row["run"], row["variant"]) == kind)
+    }  # fmt: skip
+    assert held == {("renderers-resnet18", variant) for variant in ("textured", "wrapped")}
+    assert {row["renderer"].split()[0] for row in rows} == {"raycast", "filament", "mitsuba"}
+    said = "only textures and wraps on ResNet-18 have a significant gain in each. Patches do not, and neither does any "
+    others = sorted(JUDGES[run.removeprefix("renderers-")] for run, _ in kinds if run != "renderers-resnet18")
+    assert f"{said}booster on MobileNetV2 or the unseen MobileNetV1" in readme
+    assert sorted(set(others)) == ["MobileNetV1", "MobileNetV2"]
+    counts = [
+        (f"{row['n_first']} → {row['n_second']}", say_p(row["mcnemar_p"])) for row in rows
+        if (row["run"], row["variant"], row["n_pairs"]) == ("renderers-resnet18", "textured", "36")
+    ]  # fmt: skip
+    (first, second, third), (p, q, r) = zip(*counts, strict=True)
+    assert f"{first} correct by the ray caster, {second} by Filament, {third} by Mitsuba's" in readme
+    assert f"(p = {p}, {q} and {r})" in readme
+
+
 def test_the_readmes_table_has_each_unseen_network_by_itself() -> None:
     """Pooled, a network that gains nothing would hide behind one that gains."""
     from findings import JUDGES, Findings

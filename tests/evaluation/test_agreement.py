@@ -214,4 +214,4 @@ def test_a_run_writes_it_to_terminal_summary_and_report(workspace, put, colour_c
     assert 'id="renderers"' in page and "The gain of the patch holds in both renderers" in page
     out = io.StringIO()
     print_agreement(Console(file=out, width=200), result.renderers)
-    assert MITSUBA in out.getvalue() and "answers agree" in out.getvalue()
+    assert MITSUBA in out.getvalue() and "predictions agree" in out.getvalue()

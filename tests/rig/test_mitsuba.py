@@ -6,8 +6,13 @@ from subprocess import CompletedProcess
 
 import numpy as np
 import pytest
+from texture_parts import VIEWS, crate_config, make_crate
+from tiny_network import tiny_classifier
 from walled_field import make_field
 
+from toolkit.boosters.linear_view import batch_views, show_texture
+from toolkit.boosters.pixels import from_picture
+from toolkit.boosters.texture import train_texture
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import resize_and_crop
@@ -24,6 +29,7 @@ from toolkit.rig.renderers import describe_cost, make_renderer
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import make_studio
+from toolkit.rig.views import TRAIN, PaintableObject, render_block
 from toolkit.rooms.worlds.place import find_spot, place_object
 from toolkit.rooms.worlds.sky import make_sky
 
@@ -157,6 +163,26 @@ def test_a_world_has_its_sky_where_the_ray_caster_has_it(needs_mitsuba, make_box
         part = found["mesh"] == mesh
         assert part.sum() > 20
         assert theirs[part].mean(axis=0) == pytest.approx(ours[part].mean(axis=0), rel=0.25), mesh
+
+
+@pytest.mark.slow
+def test_a_texture_is_trained_on_its_pictures(needs_mitsuba, tmp_path, make_crate_space):
+    space = make_crate_space(tmp_path / "w")
+    made = train_texture(
+        crate_config(2, renderer="mitsuba"), [tiny_classifier()], space, class_name="jet", workers=0
+    ).texture  # fmt: skip
+    assert made.record.settings["renderer"]["library"] == describe_mitsuba()[0]
+    # the views show the texture, and the light of this renderer
+    mesh, atlas = make_crate(space)
+    subject = PaintableObject(atlas.mesh, int(atlas.mesh.face_material[atlas.trained][0]), mesh)
+    views = [one.view for one in render_block((subject,), VIEWS, 0, TRAIN, 0, renderer="mitsuba")]
+    texture = from_picture(made.pixels, "cpu")
+    ours, theirs = (
+        show_texture(texture, batch_views(some, "cpu")).numpy()
+        for some in ([replace(view, repaint=None) for view in views], views)
+    )
+    assert 0.002 < np.abs(ours - theirs).mean() < 0.05
+    assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] > 0.97
 
 
 @pytest.fixture

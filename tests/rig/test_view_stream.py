@@ -1,10 +1,15 @@
 """Views rendered ahead: who renders them, and when, changes nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import torch
 
+from toolkit.boosters.linear_view import batch_views, show_texture
 from toolkit.objects.atlas import make_atlas
 from toolkit.objects.load import load_object
+from toolkit.rig.renderers import RENDERERS
 from toolkit.rig.views import (
     HELD_OUT,
     TRAIN,
@@ -51,6 +56,23 @@ def test_blocks_differ_by_number_kind_and_seed(subject):
         other = render_block((subject,), SETTINGS, seed, kind, block)
         assert not any(a.view.dark.shape == b.view.dark.shape and np.array_equal(a.view.dark, b.view.dark)
                        for a in first for b in other)  # fmt: skip
+
+
+def test_training_views_by_another_renderer_show_the_texture_that_they_are_given(subject, monkeypatch):
+    """The ray caster under another name: its pictures are those of its own linear views."""
+    monkeypatch.setitem(RENDERERS, "other", replace(RENDERERS["raycast"], version=9))
+    pixels = np.random.default_rng(0).integers(0, 256, (16, 16, 3), dtype=np.uint8)
+    texture = torch.from_numpy(pixels.transpose(2, 0, 1)).float() / 255
+    with ViewStream([subject], SETTINGS, 5, 1, workers=0, renderer="other") as stream:
+        views = [one.view for one in stream.group(0)]
+        held_out = stream.held_out(1)
+    assert all(one.view.repaint is None for one in held_out) and all(view.repaint is not None for view in views)
+    shown, expected = (
+        show_texture(texture, batch_views(some, "cpu"))
+        for some in (views, [replace(view, repaint=None) for view in views])
+    )
+    assert (shown - expected).abs().mean() < 0.004
+    assert views[0].sha256 == replace(views[0], repaint=None).sha256
 
 
 def test_successive_blocks_show_successive_objects(subject):

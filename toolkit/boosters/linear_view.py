@@ -3,9 +3,10 @@
 The material may be the object's own, or the sheet that is stuck on it: both are `toolkit.rig.shading.LinearView`s.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import TYPE_CHECKING
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -109,6 +110,7 @@ class ViewBatch:
         pixel: (k,) int64 pixel of each sample among the h · w of its view.
         uv, lod, gain: (k, 2), (k,), (k, 3) of the samples.
         share: (k,) share of its pixel that a sample stands for.
+        repaints: `LinearView.repaint` of each view, with its photograph behind; empty for views of the ray caster.
     """
 
     still: "torch.Tensor"
@@ -118,6 +120,7 @@ class ViewBatch:
     lod: "torch.Tensor"
     gain: "torch.Tensor"
     share: "torch.Tensor"
+    repaints: tuple[Callable[[np.ndarray], np.ndarray], ...] = ()
 
     def __len__(self) -> int:
         return len(self.counts)
@@ -168,7 +171,7 @@ class ViewBatch:
             pixels.append((row * side + column)[inside])
             # a slice copies nothing where the whole view is inside
             chosen.append(span if len(inside) == len(row) else inside + span.start)
-        samples = {
+        samples: dict[str, Any] = {
             name: torch.cat([getattr(self, name)[some] for some in chosen]).to(dtype)
             for name in ("uv", "lod", "gain", "share")
         }
@@ -208,7 +211,23 @@ def batch_views(
         still=torch.from_numpy(still).to(device), counts=tuple(len(view.pixel) for view in views),
         pixel=gather("pixel", np.int64), uv=gather("uv", np.float32), lod=gather("lod", precision),
         gain=gather("gain", precision), share=gather("share", precision),
+        repaints=tuple(
+            partial(_repaint_before, view, back)
+            for view, back in zip(views, behind or [None] * len(views), strict=True) if view.repaint is not None
+        ),
     )  # fmt: skip
+
+
+def _repaint_before(view: LinearView, back: np.ndarray | None, pixels: np.ndarray) -> np.ndarray:
+    """(h, w, 3) float32 light of a view in its other renderer, with these texels and a photograph behind."""
+    assert view.repaint is not None
+    light = view.repaint(pixels)
+    if back is None:
+        return light
+    share = view.coverage[..., None].astype(np.float32)
+    # on the rim a pixel holds some of the table: about as much as the ray caster sees there
+    rim = np.maximum(light + (1 - share) * (back - view.behind), 0)
+    return np.where(share > 0, rim, back).astype(np.float32)
 
 
 def batch_pictures(lights: list[np.ndarray], device: str) -> ViewBatch:
@@ -228,9 +247,9 @@ def show_texture(
 ) -> "torch.Tensor":
     """Photographs of the objects with a texture on them.
 
-    Both gradients give the same picture, the rig's. `shaded` differentiates that picture: texture × light, tone mapped.
-    `linear` is the paper's `x_drend - detach(x_drend) + x_rend` (Salman et al. 2021, Algorithm 2), where `x_drend` is
-    the texture itself at the place that each pixel sees, without light.
+    Both gradients give the same picture: the rig's, or that of `batch.repaints`. `shaded` differentiates the rig's
+    picture: texture × light, tone mapped. `linear` is the paper's `x_drend - detach(x_drend) + x_rend` (Salman et al.
+    2021, Algorithm 2), where `x_drend` is the texture itself at the place that each pixel sees, without light.
 
     Args:
         texture: θ, (3, n, n) sRGB-encoded in [0, 1], dilated.
@@ -245,16 +264,26 @@ def show_texture(
 
     linear = srgb_to_linear(texture)
     if gradient == "shaded":
-        return show_linear(linear, batch, light)
+        shaded = show_linear(linear, batch, light)
+        return _show_repainted(texture, batch, light) + (shaded - shaded.detach()) if batch.repaints else shaded
     with torch.no_grad():
-        rendered = show_linear(linear, batch, light)
+        rendered = _show_repainted(texture, batch, light) if batch.repaints else show_linear(linear, batch, light)
     slot, shown = _find_shown(batch)
     colour = look_up(build_levels(texture), batch.uv, batch.lod) * batch.share[:, None]
-    # adds 0 forward: the picture stays the rig's, and the gradient is that of the texture's own colour
+    # adds 0 forward: the picture stays as it is, and the gradient is that of the texture's own colour
     flat = colour.new_zeros((len(shown), 3)).index_add(0, slot, colour)
     count, _, height, width = rendered.shape
     photos = rendered.permute(0, 2, 3, 1).reshape(-1, 3).index_add(0, shown, flat - flat.detach())
     return photos.view(count, height, width, 3).permute(0, 3, 1, 2)
+
+
+def _show_repainted(texture: "torch.Tensor", batch: ViewBatch, light: "torch.Tensor | float") -> "torch.Tensor":
+    """`show_texture` by `batch.repaints`, without a gradient; the renderer gets the texture in 8 bits."""
+    import torch
+
+    pixels = (texture.detach().permute(1, 2, 0) * 255).round().to(torch.uint8).cpu().numpy()
+    lights = torch.from_numpy(np.stack([repaint(pixels) for repaint in batch.repaints])).to(texture)
+    return tone_map(lights.permute(0, 3, 1, 2) * light)
 
 
 def show_linear(linear: "torch.Tensor", batch: ViewBatch, light: "torch.Tensor | float" = 1.0) -> "torch.Tensor":

@@ -67,7 +67,7 @@ from toolkit.objects.atlas import apply_texture
 from toolkit.objects.export_mesh import to_glb
 from toolkit.objects.records import Texture, glb_name, read_texture, write_texture
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
-from toolkit.rig.renderers import RAYCAST, make_renderer
+from toolkit.rig.renderers import RAYCAST, check_starts, describe_cost, make_renderer
 from toolkit.rig.studio import make_studio
 from toolkit.rig.views import DETAIL, FOV_DEG, IN_STUDIO, PaintableObject, RenderedView, ViewStream
 from toolkit.training.loop import History
@@ -143,6 +143,7 @@ def train_texture(
         ToolkitError: the settings, an object, the photographs or a checkpoint cannot be used, or the disk is full.
     """
     config.check_backgrounds()
+    check_starts(config.renderer)
     keep_image = None if config.keep_image is None else read_keep_image(config.keep_image)
     objects = load_objects(workspace, config, keep_image)
     config, targets = meet_networks(config, networks, choose_class(class_name, objects))
@@ -226,7 +227,9 @@ class SurfaceTask(BoosterTask[Trained]):
         inputs = self.inputs
         world = None if inputs.setting is None else inputs.setting.describe([item.mesh for item in inputs.at_real_size])
         more = [("object", item.describe()) for item in inputs.objects] + ([] if world is None else [("world", world)])
-        return introduce(self.work.kind, self.config, self.config.size_px, self.targets, more)
+        lines = introduce(self.work.kind, self.config, self.config.size_px, self.targets, more)
+        cost = describe_cost(self.config.renderer, [self.image_px**2] * self.config.step_count * self.config.batch)
+        return [*lines, cost] if cost else lines
 
     @contextmanager
     def open(self) -> Iterator[None]:
@@ -237,6 +240,7 @@ class SurfaceTask(BoosterTask[Trained]):
         self._stream = ViewStream(
             self.inputs.at_real_size, views, self.config.seed, self.config.groups, self._workers,
             setting=self.inputs.setting or IN_STUDIO, with_depth=self.config.weather is not None,
+            renderer=self.config.renderer,
         )  # fmt: skip
         with self._stream:
             if self.inputs.paint is not None:

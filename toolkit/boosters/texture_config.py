@@ -28,6 +28,7 @@ from toolkit.core.config import Expect, Flag, Later, Range, Rising
 from toolkit.core.errors import FieldError
 from toolkit.objects.spec import MOST_PIECES
 from toolkit.rig import STUCK_ON, Misfit
+from toolkit.rig.renderers import RAYCAST, RENDERERS, check_renderer, check_world_renderer
 
 if TYPE_CHECKING:
     from toolkit.rig.views import ViewSettings
@@ -101,6 +102,12 @@ class TextureConfig(PixelConfig):
     gradient: Annotated[Literal["shaded", "linear"], Flag(group=STEPS)] = Field(
         "shaded", description="shaded: light in the gradient; linear: the paper's approximation."
     )
+    renderer: Annotated[
+        str, AfterValidator(check_renderer), Later, Flag(metavar="|".join(RENDERERS), group=SEEN)
+    ] = Field(
+        RAYCAST,
+        description="Renderer of the training images. The gradient is always that of raycast.",
+    )  # fmt: skip
     elevation_deg: Annotated[Range, Rising(-90, 90), Flag("--elevation", group=SEEN)] = Field(
         (20.0, 70.0), exclude=True, description="Lowest and highest camera, degrees above the table."
     )
@@ -142,13 +149,18 @@ class TextureConfig(PixelConfig):
     )
 
     @model_validator(mode="after")
-    def _check_one_object(self) -> "TextureConfig":
+    def _check_together(self) -> "TextureConfig":
         if self.keep_image is not None and len(self.objects) > 1:
             expected = "{keep_image} is of one object's texture coordinates: train one object, or use {keep}"
             raise FieldError(expected, {})
         if self.max_change is not None and len(self.objects) > 1:
             expected = "objects that share a texture have not the same paint: train one object, or leave it out"
             raise FieldError(expected, {"max_change": self.max_change})
+        if self.renderer != RAYCAST and self.weather is not None:
+            expected = f"draws no weather: leave {{weather}} out, or use the renderer {RAYCAST}"
+            raise FieldError(expected, {"renderer": self.renderer})
+        if self.world is not None:
+            check_world_renderer(self.renderer)
         return self
 
     def check_backgrounds(self) -> None:
@@ -188,6 +200,9 @@ class TextureConfig(PixelConfig):
         on_photo = {name for name, part in self.held_transforms() if part.stage == "photo"}  # they are "camera" below
         plain = {name: value for name, value in super().record().items() if name not in on_photo}
         rest = {name: plain.pop(name) for name in ("reuse", "exposure", "background_share")}
+        if self.renderer != RAYCAST:
+            kind = RENDERERS[self.renderer]
+            plain["renderer"] = {"name": self.renderer, "version": kind.version, "library": kind.describe()[0]}
         return {
             "method": METHOD,
             **plain,
@@ -287,6 +302,7 @@ class WrapTrainConfig(TextureConfig):
     size_px: int = Field(200, exclude=True)
     keep: tuple[()] = Field((), exclude=True)
     keep_image: None = Field(None, exclude=True)
+    renderer: Literal["raycast"] = Field("raycast", exclude=True)
     unwrap: None = Field(None, exclude=True)
     start: Annotated[Path | None, Flag(metavar="FILE", group=STEPS)] = Field(
         None,

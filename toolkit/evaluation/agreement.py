@@ -1,7 +1,7 @@
-"""The same images by several renderers: whether a gain holds in each, and how far answers and colours agree."""
+"""Compare several renderers on the same images: the gain in each, equal predictions, and differences of colour."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -13,6 +13,7 @@ from toolkit.captures.capture import OF_RENDERER, RENDERER_VERSION, UNPATCHED, C
 from toolkit.captures.read import POOLED
 from toolkit.captures.truth import outline_captures
 from toolkit.core.errors import ToolkitError
+from toolkit.core.statistics import PairedOutcomes
 from toolkit.core.tables import format_kappa, format_p, format_points, format_test
 from toolkit.core.text import count_of, join_words
 from toolkit.core.workspace import Workspace
@@ -24,7 +25,7 @@ from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.rig.renderers import RENDERERS
 
 MOST_COLOURS = 36
-"""Pairs of pictures whose colours are compared, evenly chosen."""
+"""Number of pairs of images, evenly chosen, whose colours are compared."""
 Key = tuple[str, str, int]
 """Object, variant and pose."""
 Images = dict[Key, Prediction]
@@ -32,13 +33,13 @@ Images = dict[Key, Prediction]
 
 @dataclass(frozen=True)
 class ColourGap:
-    """How the colours of an object differ between two renderers.
+    """Difference of an object's colours between two renderers.
 
     Attributes:
-        n: pairs of pictures.
-        median, p90: CIEDE2000 of the object's pixels.
-        lighter: mean L* of the second less that of the first.
-        dark, bright: median CIEDE2000 of the darkest and of the brightest quarter of the object's pixels, by the first.
+        n: number of pairs of images.
+        median, p90: median and 90th percentile of CIEDE2000 over the object's pixels.
+        lighter: mean L* of the second renderer minus mean L* of the first.
+        dark, bright: median CIEDE2000 of the darkest and of the brightest quarter of the pixels in the first.
     """
 
     n: int
@@ -49,7 +50,7 @@ class ColourGap:
     bright: float
 
     def describe(self) -> str:
-        """All of it in words."""
+        """Return the numbers in a sentence."""
         where = "dark" if self.dark > self.bright else "bright"
         return (
             f"colour of the object's pixels in {count_of(self.n, 'pair')} of images: median ΔE00 {self.median:.1f}, "
@@ -60,12 +61,12 @@ class ColourGap:
 
 @dataclass(frozen=True)
 class RendererPair:
-    """Two renderers on the same images.
+    """Predictions of two renderers' images of the same objects and poses.
 
     Attributes:
-        first, second: their sources.
-        rows: by variant, `unpatched` first: the first's image and the second's.
-        colour: None if no mask or no file of an image is known.
+        first, second: sources of the two renderers' images.
+        rows: one comparison for each variant, `unpatched` first; each pair is the first's and the second's image.
+        colour: difference of colours; None without masks or readable files.
     """
 
     first: str
@@ -76,12 +77,13 @@ class RendererPair:
 
 @dataclass(frozen=True)
 class RendererAgreement:
-    """One plan, shot by several renderers.
+    """A plan that several renderers shot.
 
     Attributes:
-        sources: of the images, the ray caster's first.
-        renderers: of each source, with its version.
-        images: of each source, those that every source has.
+        sources: sources of the images, the ray caster's first.
+        renderers: name and version of each source's renderer.
+        images: images of each source that all sources have.
+        colours: difference of colours of every two sources; empty before `add_colours`.
     """
 
     sources: tuple[str, ...]
@@ -91,14 +93,12 @@ class RendererAgreement:
 
     @cached_property
     def names(self) -> dict[str, str]:
-        """By source its renderer, without the version where no two are of one renderer."""
-        short = [name.partition(" ")[0] for name in self.renderers]
-        chosen = short if len(set(short)) == len(short) else self.renderers
-        return dict(zip(self.sources, chosen, strict=True))
+        """Renderer of each source; with its version if two sources have the same renderer."""
+        return dict(zip(self.sources, shorten_names(self.renderers), strict=True))
 
     @cached_property
     def gains(self) -> tuple[Comparison, ...]:
-        """By variant, controls left out, and source: a renderer's own images without and with the booster."""
+        """Return, for each booster and source, the pairs of images without and with the booster; no controls."""
         keys = [key for key in self.images[0] if key[1] != UNPATCHED and key[1] not in OWNERS]
         rows = []
         for variant in sorted({key[1] for key in keys}, key=rank_variant):
@@ -110,7 +110,7 @@ class RendererAgreement:
         return tuple(rows)
 
     def _pair_all(self, key: Key) -> list[Pair]:
-        """Each renderer's pair of images without and with the booster; nothing if one of them has none."""
+        """Return each renderer's pair of images without and with the booster; nothing if a renderer lacks one."""
         bare = (key[0], UNPATCHED, key[2])
         if bare not in self.images[0]:
             return []
@@ -119,7 +119,7 @@ class RendererAgreement:
 
     @cached_property
     def pairs(self) -> tuple[RendererPair, ...]:
-        """Every two renderers."""
+        """Return a comparison of every two renderers."""
         variants = sorted({key[1] for key in self.images[0]}, key=lambda name: (name != UNPATCHED, rank_variant(name)))
         found = []
         for at, (one, other) in enumerate(combinations(range(len(self.sources)), 2)):
@@ -136,12 +136,12 @@ class RendererAgreement:
 
     @cached_property
     def flips(self) -> tuple[tuple[Key, tuple[bool, ...]], ...]:
-        """Images that some renderers' networks get right and others wrong, and which: one bool for each source."""
+        """Images that are not correct in every renderer or in none, with a bool for each source: correct or not."""
         found = [(key, tuple(own[key].correct_top1 for own in self.images)) for key in self.images[0]]
         return tuple((key, right) for key, right in found if len(set(right)) > 1)
 
     def as_json(self) -> dict[str, Any]:
-        """One entry of `renderers` in `summary.json`."""
+        """Return an entry of `renderers` in `summary.json`."""
         return {
             "sources": list(self.sources), "renderers": list(self.renderers), "n": len(self.images[0]),
             "gains": [row.as_pair() for row in self.gains],
@@ -161,7 +161,7 @@ class RendererAgreement:
 
 
 def count_same(row: Comparison) -> int:
-    """How many pairs have the same first guess, right or wrong."""
+    """Return the number of pairs with the same prediction, correct or not."""
     return sum(pair.first.top1_index == pair.second.top1_index for pair in row.pairs)
 
 
@@ -175,7 +175,7 @@ def _describe_answers(row: Comparison) -> dict[str, Any]:
 
 
 def compare_renderers(predictions: Sequence[Prediction]) -> list[RendererAgreement]:
-    """Find the sources that show the same images by different renderers, by their manifests.
+    """Find sources with the same images by different renderers, from their manifests.
 
     Images are the same if object, variant, pose, camera, booster and all settings but those of the renderer agree.
     Sources are compared under the same corruption alone.
@@ -213,7 +213,7 @@ def compare_renderers(predictions: Sequence[Prediction]) -> list[RendererAgreeme
 
 
 def _keep_common(images: Sequence[Images]) -> list[Images]:
-    """The images that all have, of the same object and camera, in one order."""
+    """Return the images that all sources have, of the same object and camera, in the same order."""
     keys = [
         key for key, shown in images[0].items() if all(key in own and _is_same(shown, own[key]) for own in images[1:])
     ]
@@ -241,7 +241,7 @@ def _is_same(one: Prediction, other: Prediction) -> bool:
 
 
 def add_colours(found: RendererAgreement, workspace: Workspace) -> RendererAgreement:
-    """The same with the colours of object pixels compared between every two renderers, without corruption alone."""
+    """Return the same agreement with colours of object pixels compared; corrupted images are left out."""
     keys = [key for key, image in found.images[0].items() if image.capture.corruption is None]
     bare = [key for key in keys if key[1] == UNPATCHED] or keys
     chosen = (
@@ -258,7 +258,7 @@ def add_colours(found: RendererAgreement, workspace: Workspace) -> RendererAgree
 
 
 def _read_lab(capture: Capture, mask: np.ndarray) -> np.ndarray | None:
-    """(n, 3) L*a*b* of the object's pixels; None if the file is not as its camera says."""
+    """Return (n, 3) L*a*b* of the object's pixels; None if the file is unreadable or has another size."""
     pixels = read_pixels(capture, None)
     if isinstance(pixels, str) or pixels.shape[:2] != mask.shape:
         return None
@@ -280,41 +280,55 @@ def _compare_colours(one: Sequence[np.ndarray | None], other: Sequence[np.ndarra
 
 
 def write_agreement(network: str, found: RendererAgreement) -> list[Verdict]:
-    """For each booster one sentence: whether its gain holds in every renderer."""
+    """Return a verdict for each booster: whether its gain is significant in every renderer."""
     verdicts = []
     for variant in dict.fromkeys(row.second for row in found.gains):
         rows = [row for row in found.gains if row.second == variant]
-        holds = [row.source for row in rows if row.outcomes.second_is_better]
-        harms = [row.source for row in rows if row.outcomes.first_is_better]
         names = found.names
-        gain = f"The gain of {name_booster(variant)}"
-        if len(holds) == len(rows):
-            tone, verdict = "good", f"{gain} holds in {'both' if len(rows) == 2 else f'all {len(rows)}'} renderers"
-        else:
-            rest = [names[row.source] for row in rows if row.source not in holds]
-            start = f"{gain} holds in {join_words([names[one] for one in holds])}, and is" if holds else f"{gain} is"
-            tone, verdict = "open", f"{start} not shown in {join_words(rest)}"
-        if harms:
-            tone, verdict = "bad", f"{verdict}; it does harm in {join_words([names[one] for one in harms])}"
+        tone, where = say_where({names[row.source]: row.outcomes for row in rows})
+        verdict = f"The gain of {name_booster(variant)} {where}"
         counts = "; ".join(f"{names[row.source]} {describe_gain(row)}" for row in rows)
         sentence = f"Correct answers of {network}, without → with {name_booster(variant)}, on the same poses: {counts}."
         verdicts.append(Verdict(tone, sentence, verdict, join_words(found.sources), variant))
     return verdicts
 
 
+def shorten_names(renderers: Sequence[str]) -> list[str]:
+    """Return renderers without their versions; with them if two are versions of the same renderer."""
+    short = [name.partition(" ")[0] for name in renderers]
+    return short if len(set(short)) == len(short) else list(renderers)
+
+
+def say_where(outcomes: Mapping[str, PairedOutcomes]) -> tuple[str, str]:
+    """Return tone and words, `holds in all 3 renderers`, of a gain with these outcomes by renderer."""
+    holds = [name for name, found in outcomes.items() if found.second_is_better]
+    harms = [name for name, found in outcomes.items() if found.first_is_better]
+    tone = "open"
+    if len(holds) == len(outcomes):
+        tone, words = "good", f"holds in {'both' if len(holds) == 2 else f'all {len(holds)}'} renderers"
+    else:
+        start = f"holds in {join_words(holds)}, and is" if holds else "is"
+        words = f"{start} not shown in {join_words([name for name in outcomes if name not in holds])}"
+    if harms:
+        tone, words = "bad", f"{words}; it does harm in {join_words(harms)}"
+    return tone, words
+
+
 def describe_gain(row: Comparison) -> str:
-    """`42 → 62 of 72 (20 gained, 0 lost, exact McNemar p < 0.0001)`."""
+    """Return `42 → 62 of 72 (20 gained, 0 lost, exact McNemar p < 0.0001)`."""
     found = row.outcomes
     changed = f"{found.only_second} gained, {found.only_first} lost, {format_test(found.mcnemar_p)}"
     return f"{found.n_first} → {found.n_second} of {found.n} ({changed})"
 
 
 GAIN_HEADS = ("variant", "renderer", "n", "without", "with", "gained", "lost", "points", "p")
-ANSWER_HEADS = ("variant", "renderers", "n", "same answer", "first alone right", "second alone right", "kappa")
+ANSWER_HEADS = (
+    "variant", "renderers", "n", "same prediction", "only the first is correct", "only the second is correct", "kappa",
+)  # fmt: skip
 
 
 def list_gains(found: RendererAgreement) -> list[list[str]]:
-    """The cells of `GAIN_HEADS`, a row for each booster and renderer."""
+    """Return the cells of `GAIN_HEADS`, a row for each booster and renderer."""
     names = dict(zip(found.sources, found.renderers, strict=True))
     rows = []
     for row in found.gains:
@@ -325,7 +339,7 @@ def list_gains(found: RendererAgreement) -> list[list[str]]:
 
 
 def list_answers(found: RendererAgreement) -> list[list[str]]:
-    """The cells of `ANSWER_HEADS`, a row for each variant and two renderers."""
+    """Return the cells of `ANSWER_HEADS`, a row for each variant and every two renderers."""
     names = found.names
     return [
         [
@@ -337,7 +351,7 @@ def list_answers(found: RendererAgreement) -> list[list[str]]:
 
 
 def list_flips(found: RendererAgreement) -> list[str]:
-    """`racer patched: 3 (raycast), 7 (mitsuba)`: poses, and the renderers in which the answer is right."""
+    """Return lines like `racer patched: 3 (raycast), 7 (mitsuba)`: poses, and renderers with a correct prediction."""
     lines: dict[str, list[str]] = {}
     for (name, variant, pose_id), right in found.flips:
         where = ", ".join(renderer for renderer, is_right in zip(found.names.values(), right, strict=True) if is_right)
@@ -346,7 +360,7 @@ def list_flips(found: RendererAgreement) -> list[str]:
 
 
 def list_colours(found: RendererAgreement) -> list[str]:
-    """A line for every two renderers whose colours were compared."""
+    """Return a line for every two renderers whose colours were compared."""
     names = found.names
     return [
         f"{names[pair.second]} against {names[pair.first]}, {pair.colour.describe()}"

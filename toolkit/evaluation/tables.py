@@ -221,7 +221,7 @@ def print_agreement(console: Console, found: Sequence[RendererAgreement]) -> Non
     for agreement in found:
         title = f"{', '.join(agreement.sources)}: {count_of(len(agreement.images[0]), 'image')} by each renderer"
         console.print(build_table(title, GAIN_HEADS[:2], GAIN_HEADS[2:], list_gains(agreement)))
-        console.print(build_table("answers agree", ANSWER_HEADS[:2], ANSWER_HEADS[2:], list_answers(agreement)))
+        console.print(build_table("predictions agree", ANSWER_HEADS[:2], ANSWER_HEADS[2:], list_answers(agreement)))
         flips = list_flips(agreement)
         share = f"{len(agreement.flips)} of {len(agreement.images[0])}"
         lines = [f"correct in some renderers only, {share}:"] if flips else []

@@ -1,5 +1,6 @@
 """How a camera develops light: tone curve, lens falloff, sensor noise; what a view takes from a texture, linearly."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -112,6 +113,8 @@ class LinearView:
     gain: np.ndarray  # (k, 3) float32 light that white texels bring to the pixel
     depth: DepthBuffer | None = None  # of what is seen, where it was asked for
     bare: np.ndarray | None = None  # (h, w, 3) float16 light of the object without a booster, where it was asked for
+    # another renderer's (h, w, 3) float32 light of this view, from the texels (n, n, 3) uint8 sRGB
+    repaint: Callable[[np.ndarray], np.ndarray] | None = None
 
     @property
     def share(self) -> np.ndarray:
@@ -122,7 +125,7 @@ class LinearView:
     @property
     def sha256(self) -> str:
         """Hash of all buffers of light."""
-        arrays = (array for name, array in vars(self).items() if name not in ("depth", "bare"))
+        arrays = (array for name, array in vars(self).items() if name not in ("depth", "bare", "repaint"))
         return sha256_bytes("".join(sha256_bytes(array.tobytes()) for array in arrays).encode())
 
     def packed(self) -> "LinearView":

@@ -224,6 +224,7 @@ class RenderedView:
 def render_block(
     subjects: tuple[PaintableObject, ...], settings: ViewSettings, seed: int, kind: str, block: int, *,
     setting: Setting = IN_STUDIO, with_depth: bool = False, with_bare: bool = False, threads: int | None = 1,
+    renderer: str = RAYCAST,
 ) -> list[RenderedView]:  # fmt: skip
     """The views of a block; those held out with the object's own paint beside them.
 
@@ -233,6 +234,7 @@ def render_block(
         with_depth: whether views shall have their depth, for weather.
         with_bare: whether views for training have the light of the object in its own paint beside them too.
         threads: see `map_ahead`; 1 if blocks are spread over the cores.
+        renderer: name of the renderer of training images; if it is not the ray caster, views have their `repaint`.
     """
     draws = Draws(seed, block, kind)
     subject = subjects[block % len(subjects)].for_block(draws)
@@ -246,6 +248,8 @@ def render_block(
         view = shown.renderer.render_linear(camera, pose, texture).packed()
         if with_depth:
             view = replace(view, depth=find_depth(shown.renderer, shown.scene, camera, pose))
+        if renderer != RAYCAST:
+            view = replace(view, repaint=partial(_repaint, renderer, subject, shown.scene, shown.stand, camera, pose))
         if own_paint is None:
             return RenderedView(block % len(subjects), view, None)
         light = own_paint.render(camera, pose)
@@ -255,6 +259,17 @@ def render_block(
         return RenderedView(block % len(subjects), view, shown.develop(light, number))
 
     return list(map_ahead(render, range(settings.per_studio), threads))
+
+
+def _repaint(
+    renderer: str, subject: PaintableObject, scene: Scene, stand: Stand, camera: Camera, T_world_camera: np.ndarray,
+    pixels: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """(h, w, 3) float32 light of a view by a named renderer, with the texels (n, n, 3) uint8 sRGB on the object."""
+    left_out = subject.mesh.materials[subject.material].texture
+    painted = (replace(one, texture=pixels) if one.texture is left_out else one for one in subject.mesh.materials)
+    mesh = replace(subject.mesh, materials=tuple(painted))
+    return make_renderer(renderer, mesh, scene, stand=stand).render(camera, T_world_camera)
 
 
 def find_depth(renderer: Renderer, scene: Scene, camera: Camera, T_world_camera: np.ndarray) -> DepthBuffer:
@@ -281,6 +296,7 @@ class ViewStream:
     def __init__(
         self, subjects: list[PaintableObject], settings: ViewSettings, seed: int, groups: int,
         workers: int | None = None, *, setting: Setting = IN_STUDIO, with_depth: bool = False,
+        renderer: str = RAYCAST,
     ) -> None:  # fmt: skip
         """Prepare `groups` groups of training views.
 
@@ -289,8 +305,9 @@ class ViewStream:
             workers: threads that render ahead, by default as many as cores; 0: whoever asks for a group renders it.
             setting: where views are taken; it raises when its views are asked for if it cannot be used.
             with_depth: whether views shall have their depth, for weather.
+            renderer: of the training views, see `render_block`; held-out views are the ray caster's.
         """
-        self._setting, self._with_depth = setting, with_depth
+        self._setting, self._with_depth, self._renderer = setting, with_depth, renderer
         self._subjects, self.settings, self._seed, self._groups = tuple(subjects), settings, seed, groups
         self._workers = count_cores() if workers is None else workers
         self._pool: ThreadPoolExecutor | None = None
@@ -336,7 +353,7 @@ class ViewStream:
         """The views of blocks, as they will be rendered; they are at once where there are no threads."""
         render = partial(
             render_block, self._subjects, self.settings, self._seed, kind,
-            setting=self._setting, with_depth=self._with_depth,
+            setting=self._setting, with_depth=self._with_depth, renderer=self._renderer if kind == TRAIN else RAYCAST,
         )  # fmt: skip
         if self._pool is not None:
             return [self._pool.submit(render, block) for block in blocks]

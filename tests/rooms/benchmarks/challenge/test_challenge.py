@@ -307,6 +307,63 @@ def test_the_board_ranks_by_the_lower_bound_and_shares_ties(entered, tmp_path):
         write_board([folders[0], folders[0]], tmp_path / "twice")
 
 
+def make_up_run(folder, boosters, gained, *, variant="patched"):
+    """An evaluation of three renderers' images: how many of 36 pairs each gained."""
+    renderers = ["raycast", "filament (open3d 0.19.0)", "mitsuba 3.9.1 llvm_ad_rgb"]
+    sources = ["sim", "sim-filament", "sim-mitsuba"]
+    summary = {
+        "model": {"arch": "resnet18"},
+        "rests_on": {
+            "sources": [
+                {"source": one, "boosters": [{"variant": variant, "name": "", "sha256": sha[:12]} for sha in boosters]}
+                for one in sources
+            ]
+        },
+        "renderers": [
+            {
+                "sources": sources, "renderers": renderers,
+                "gains": [
+                    {"source": one, "variant": variant, "n_pairs": 36, "gained": up, "lost": 0}
+                    for one, up in zip(sources, gained, strict=True)
+                ],
+            }
+        ],
+    }  # fmt: skip
+    folder.mkdir()
+    (folder / "summary.json").write_text(json.dumps(summary))
+    return folder
+
+
+def test_the_board_says_in_which_renderers_a_gain_holds(entered, tmp_path):
+    """6 of 6 have p = 0.03, 5 of 5 have 0.06; what was shot of other boosters counts for nobody."""
+    ours, others = (shutil.copytree(entered, tmp_path / name) for name in ("ours", "others"))
+    make_up_score(ours, EVEN, name="ours")
+    hashes = read_entry(ours).record.boosters
+    edit(others, boosters=dict.fromkeys(hashes, "0" * 64))
+    make_up_score(others, EVEN | {"racer": 0.5}, name="others")
+    shot = [hashes["racer"], hashes["eggnog"]]
+    runs = [
+        make_up_run(tmp_path / "all", shot, (6, 7, 8)), make_up_run(tmp_path / "some", shot, (6, 5, 0)),
+        make_up_run(tmp_path / "foreign", [*shot, "f" * 64], (6, 7, 8)),
+        make_up_run(tmp_path / "worn", shot, (6, 7, 8), variant="textured"),
+    ]  # fmt: skip
+    places, _ = write_board([ours, others], tmp_path / "board", runs)
+    said = {place.score.entry.name: place.renderers for place in places}
+    assert said == {"others": (), "ours": (
+        "resnet18, 36 pairs: holds in all 3 renderers",
+        "resnet18, 36 pairs: holds in raycast, and is not shown in filament and mitsuba",
+    )}  # fmt: skip
+    page = (tmp_path / "board/index.html").read_text()
+    assert "Other renderers" in page and said["ours"][1] in page
+    assert said["ours"][0] in (tmp_path / "board/board.csv").read_text()
+    write_board([ours], tmp_path / "again")
+    assert "Other renderers" not in (tmp_path / "again/index.html").read_text()
+    (tmp_path / "all/summary.json").write_text('{"model": {}}')
+    for spoilt in (tmp_path / "all", tmp_path / "absent"):
+        with pytest.raises(ToolkitError, match=r"summary\.json"):
+            write_board([ours], tmp_path / "bad", [spoilt])
+
+
 def test_commands(entry, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runner = CliRunner()

@@ -1,22 +1,26 @@
 """The leaderboard: a page that opens from disk, a CSV file, and a JSON file of each entry."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from PIL import Image
+from pydantic import BaseModel, Field, NonNegativeInt
 
 from toolkit.captures.capture import UNPATCHED
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import write_json, write_text
-from toolkit.core.statistics import adjust_holm, sign_flip_p
+from toolkit.core.files import read_json, write_json, write_text
+from toolkit.core.statistics import PairedOutcomes, adjust_holm, sign_flip_p
 from toolkit.core.tables import encode_csv
+from toolkit.evaluation.agreement import say_where, shorten_names
 from toolkit.evaluation.contact_sheet import encode_jpeg
 from toolkit.evaluation.page import write_page
+from toolkit.evaluation.run_files import SUMMARY
 from toolkit.imaging.style import COLOURS, UNPATCHED_COLOUR
+from toolkit.rooms.benchmarks.challenge.entry import EntryRecord
 from toolkit.rooms.benchmarks.challenge.score import (
     CONDITIONS,
     FOG,
@@ -39,11 +43,13 @@ class Standing:
     Attributes:
         rank: from 1; entries of equal lower bounds share a rank. None without unseen judges.
         p_next: paired, against the entry below, Holm-corrected over the board; None for the last.
+        renderers: in which renderers its gain is significant, see `describe_renderers`.
     """
 
     rank: int | None
     judged: Judged
     p_next: float | None
+    renderers: tuple[str, ...] = ()
 
     @property
     def score(self) -> Score:
@@ -52,7 +58,10 @@ class Standing:
 
     def as_json(self) -> dict[str, Any]:
         """A row of the CSV."""
-        return {"rank": self.rank, **describe_rank(self.score), "p_next": self.p_next}
+        return {
+            "rank": self.rank, **describe_rank(self.score), "p_next": self.p_next,
+            "renderers": "; ".join(self.renderers) or None,
+        }  # fmt: skip
 
 
 def rank_entries(entries: Sequence[Judged]) -> list[Standing]:
@@ -97,8 +106,82 @@ def _compare(first: Judged, other: Judged) -> float | None:
     return sign_flip_p([float(np.mean(own)) for _, own in sorted(changes.items())]) if changes else None
 
 
-def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Standing], list[tuple[str, str]]]:
+class _Booster(BaseModel):
+    variant: str
+    sha256: str
+
+
+class _Source(BaseModel):
+    source: str
+    boosters: tuple[_Booster, ...]
+
+
+class _Origin(BaseModel):
+    sources: tuple[_Source, ...] = ()
+
+
+class _Gain(BaseModel):
+    source: str
+    variant: str
+    n_pairs: int
+    gained: NonNegativeInt
+    lost: NonNegativeInt
+
+
+class _Agreement(BaseModel):
+    sources: tuple[str, ...] = Field(min_length=1)
+    renderers: tuple[str, ...]
+    gains: tuple[_Gain, ...]
+
+
+class _Network(BaseModel):
+    arch: str
+
+
+class _Summary(BaseModel):
+    """What `summary.json` of an evaluation says of renderers, and of the boosters in its images."""
+
+    model: _Network
+    rests_on: _Origin | None = None
+    renderers: tuple[_Agreement, ...] = ()
+
+
+def describe_renderers(entry: EntryRecord, run: Path) -> Iterator[str]:
+    """Yield `resnet18, 36 pairs: holds in all 3 renderers` if a run shows an entry's boosters by several renderers.
+
+    Args:
+        entry: record of the entry.
+        run: folder of an evaluation, see `toolkit.evaluation.agreement`.
+
+    Raises:
+        ToolkitError: no evaluation, or a damaged one.
+    """
+    summary = read_json(run / SUMMARY, _Summary)
+    shown = {
+        source.source: {booster.sha256 for booster in source.boosters if booster.variant == entry.variant}
+        for source in (summary.rests_on or _Origin()).sources
+    }
+    for agreement in summary.renderers:
+        own = shown.get(agreement.sources[0], set())
+        # summaries have the first digits of hashes
+        if not own or not all(any(full.startswith(short) for full in entry.boosters.values()) for short in own):
+            continue
+        names = dict(zip(agreement.sources, shorten_names(agreement.renderers), strict=False))
+        rows = [row for row in agreement.gains if row.variant == entry.variant]
+        found = {names.get(row.source, row.source): PairedOutcomes(0, row.lost, row.gained, 0) for row in rows}
+        if found:
+            yield f"{summary.model.arch}, {rows[0].n_pairs} pairs: {say_where(found)[1]}"
+
+
+def write_board(
+    folders: Sequence[Path], out: Path, runs: Sequence[Path] = ()
+) -> tuple[list[Standing], list[tuple[str, str]]]:
     """Write `index.html`, `board.csv` and `NAME.json` of each entry whose score follows from its files.
+
+    Args:
+        folders: of the entries.
+        out: folder of the board.
+        runs: folders of evaluations, see `describe_renderers`.
 
     Returns:
         The places, class by class, and (entry, reason) of each that is left out.
@@ -124,7 +207,13 @@ def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Standing], lis
     classes: dict[tuple[object, ...], list[Judged]] = {}
     for entry in entries:
         classes.setdefault(entry.score.class_of, []).append(entry)
-    boards = [rank_entries(own) for own in classes.values()]
+    boards = [
+        [
+            replace(one, renderers=tuple(words for run in runs for words in describe_renderers(one.score.entry, run)))
+            for one in rank_entries(own)
+        ]
+        for own in classes.values()
+    ]
     places = [place for board in boards for place in board]
     rows = [place.as_json() for place in places]
     # for programs: a JSON file of each entry, and the table
@@ -136,6 +225,7 @@ def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Standing], lis
         "title": "Challenge", "boards": [(_name_class(board[0].score), board[0].score, board) for board in boards],
         "pictures": {entry.score.entry.name: _embed_pictures(entry) for entry in entries},
         "curves": {entry.score.entry.name: _count_curve(entry) for entry in entries},
+        "has_renderers": any(place.renderers for place in places),
         "conditions": CONDITIONS, "colour": COLOURS[0], "bare_colour": UNPATCHED_COLOUR,
     }  # fmt: skip
     write_page(out / "index.html", "toolkit.rooms.benchmarks.challenge", "board.html.j2", context)

@@ -105,6 +105,14 @@ def run(
 def board(
     entries: Annotated[list[Path], typer.Argument(metavar="ENTRY…", help="Folders of entries that were scored.")],
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder of the leaderboard.")] = Path("challenge"),
+    renderers: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Evaluation of images by several renderers, such as eval/RUN: the board says whether the gain of an "
+            "entry holds in each. Repeat for more.",
+        ),
+    ] = None,
     as_json: options.Json = False,
 ) -> None:
     """Rank entries: write index.html, board.csv and a JSON file for each score that agrees with its own files."""
@@ -112,7 +120,7 @@ def board(
     from toolkit.core.tables import format_p, format_points, format_points_interval
     from toolkit.rooms.benchmarks.challenge.board import write_board
 
-    places, refused = write_board(entries, out)
+    places, refused = write_board(entries, out, renderers or ())
     list_skipped(refused)
     rows = [place.as_json() for place in places]
     if as_json:
