@@ -35,7 +35,7 @@ def test_it_says_what_it_made_and_what_comes_next(type_command, tmp_path):
     code, said, told = type_command("--class", "jet", "--data", "photos", *QUICK[:-1])
     assert code == 0, told
     assert type_command.loaded == [(None, None)], "the default network is the loader's choice"
-    assert "print/patches/jet.png: 16 px, 14 mm on paper; preview: print/previews/jet.png" in said
+    assert re.search(r"print/patches/jet.png: 16 px, 14 mm on paper; preview: .*print/previews/jet.png\n", said)
     assert re.search(
         r"correct, pasted flat, 128 placements in held-out images, without → with the patch: tiny \d", said
     )

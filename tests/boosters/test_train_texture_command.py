@@ -38,7 +38,7 @@ def test_it_says_what_it_made_and_what_comes_next(type_command):
     assert re.search(r"correct, 6 held-out views, own paint → texture: tiny \d+ % → \d+ % \(95 % interval ", said)
     assert "correct in fog, 6 held-out views, own paint → texture: tiny" in said
     assert "next: toolkit capture-sim --object crate --variant unpatched --variant textured" in said
-    assert "training a texture for class crate: 16 × 16 px, 2 steps of " in told and "Training crate: 2 to do" in told
+    assert "training a texture for class jet: 16 × 16 px, 2 steps of " in told and "Training crate: 2 to do" in told
     assert len((said + told).splitlines()) <= 12
     preview = Image.open(type_command.space.textures_dir / "previews" / "crate.png")
     assert preview.width == 4 * (32 + 8) + 8
