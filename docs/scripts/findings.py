@@ -7,6 +7,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from toolkit.core.files import write_text
 from toolkit.core.tables import format_p, format_percent, format_points
+from toolkit.imaging.style import name_network
 from toolkit.models.load import read_bundled
 
 SCRIPTS = Path(__file__).resolve().parent
@@ -150,6 +151,7 @@ def write_page(folder: Path = DOCS / "results", page: str = "results.md") -> str
         of=Findings(folder),
         names=NAMES,
         judges=JUDGES,
+        name_network=name_network,
         name_run=name_run,
         sets=SETS,
         called=BENCHMARK_NAMES,

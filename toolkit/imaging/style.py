@@ -31,6 +31,7 @@ NETWORKS = {
     "resnet18": "ResNet-18", "resnet50": "ResNet-50", "mobilenet_v2": "MobileNetV2",
     "mobilenet_v1_0.75_192": "MobileNetV1", "tf_efficientnet_lite0": "EfficientNet-Lite0",
     "tf_efficientnet_lite1": "EfficientNet-Lite1", "tf_efficientnet_lite2": "EfficientNet-Lite2",
+    "efficientnet_lite3_280": "EfficientNet-Lite3", "mobilenet_v2_slim_224": "MobileNetV2 of TF-slim",
 }  # fmt: skip
 """Display names of networks that results name often."""
 VARIANTS = {
