@@ -139,7 +139,7 @@ def test_a_patch_that_does_not_lie_on_top_is_put_where_place_finds_it_lying(spac
     assert made["moved"].endswith("toolkit place --object board --sheets 3 --write"), "no camera behind it sees it"
     asked = ("../board.stl", "--class", "crate", "--length-mm", 100, "--print-side", "top", "--replace", "--json")
     made = json.loads(call(*asked).stdout)
-    assert not made["moved"] and "'toolkit place --object board' shows where one lies" in made["trouble"]
+    assert not made["moved"] and "'toolkit place --object board' shows where one fits" in made["trouble"]
 
 
 @pytest.mark.slow
