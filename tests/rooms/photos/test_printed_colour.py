@@ -165,6 +165,13 @@ def test_a_plain_matrix_is_kept_where_it_is_enough():
     np.testing.assert_allclose(said, printer(corners), atol=0.02)
 
 
+def test_a_margin_that_is_printed_over_is_no_white(page):
+    photo, sighting, strip = page
+    with pytest.raises(ToolkitError, match="no white is seen"):
+        read_colours(photo, sighting, PATCH_MM, margin="bleed")
+    assert read_colours(photo, sighting, PATCH_MM, strip.white_linear, margin="bleed").white_from == "strip"
+
+
 def test_without_a_margin_the_strip_is_the_white(page):
     photo, sighting, strip = page
     corners = sighting.corners_px

@@ -11,6 +11,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
 from toolkit.imaging.printer import SOLIDS, ColourError
 from toolkit.objects.records import TAPE_MARGIN_MM
+from toolkit.objects.spec import Margin
 from toolkit.rooms.photos.prints.align import PatchWarp, draw_patch, sample_image
 from toolkit.rooms.photos.prints.find import CELL_SHOWS, PatchSighting, shrink_image
 
@@ -79,7 +80,7 @@ class ColourComparison:
 
 def read_colours(
     image: np.ndarray, sighting: PatchSighting, size_mm: float, strip_white: np.ndarray | None = None,
-    patch_pixels: np.ndarray | None = None,
+    patch_pixels: np.ndarray | None = None, margin: Margin = "white",
 ) -> PrintedColours:  # fmt: skip
     """Read a patch's colours off a photo, relative to paper: texels that the file leaves white.
 
@@ -92,6 +93,7 @@ def read_colours(
         size_mm: side of the patch, from which the margin's width follows.
         strip_white: (3,) linear light of paper on the colour strip.
         patch_pixels: (n, n, 3) uint8 sRGB, the file; without it no texels are known to be white.
+        margin: what is on the paper around the patch; a print over it is no white.
 
     Raises:
         ToolkitError: there is no white, or too little of the patch shows and is not over-exposed.
@@ -117,14 +119,14 @@ def read_colours(
     if patch_pixels is not None:
         meant = draw_patch(srgb_to_linear(patch_pixels / 255.0).astype(np.float32), warp, small.shape)
         white = None if meant is None else _texel_white(light, meant.picture[rows, columns], uv)
-    if white is None:
+    if white is None and margin == "white":
         brightest = np.percentile(light, 98, axis=0)
         white, white_from = _margin_white(small, warp, TAPE_MARGIN_MM / size_mm, brightest), "margin"
     if white is None:
         if strip_white is None:
             raise ToolkitError(
-                "no white is seen: the paper round the patch is cut off, hidden or over-exposed: leave 5 mm of it, or "
-                "photograph the page with its colour strip"
+                "no white is seen: the paper round the patch is cut off, printed over, hidden or over-exposed: leave "
+                "5 mm of it, or photograph the page with its colour strip"
             )
         white, white_from = np.vstack([np.zeros((2, 3)), strip_white]), "strip"
     # colours as a share of white, which may change over the sheet

@@ -144,7 +144,8 @@ def _read_print(
         )
     # colours against paper, and the size against the sheet's edges
     strip = read_strip(image)
-    part = read_colours(image, sighting, size_mm, None if strip is None else strip.white_linear, patch.pixels)
+    white = None if strip is None else strip.white_linear
+    part = read_colours(image, sighting, size_mm, white, patch.pixels, patch.record.margin)
     page = measure_on_page(image, sighting, paper)
     photo = ProfiledPhoto(
         file.name, about.sha256, sighting.warp.side_px, compare_colours(part, patch.pixels), strip is not None,
