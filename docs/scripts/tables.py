@@ -2,12 +2,13 @@
 
 import csv
 import json
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from toolkit.core.files import read_json, write_text
-from toolkit.core.tables import encode_csv
+from toolkit.core.tables import FormattedNumber, decode_cell, encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.models.load import read_bundled
 from toolkit.objects.records import PatchRecord, TextureRecord, read_patch, read_texture
@@ -134,13 +135,18 @@ def read_others(file: Path, rows: Sequence[Row], *keys: str) -> list[Row]:
         return []
     new = {tuple(row[key] for key in keys) for row in rows}
     with file.open(encoding="utf-8", newline="") as stream:
-        return [row for row in csv.DictReader(stream) if tuple(row[key] for key in keys) not in new]
+        before = [{name: decode_cell(cell) for name, cell in row.items()} for row in csv.DictReader(stream)]
+    return [row for row in before if tuple(row[key] for key in keys) not in new]
+
+
+NUMBER = re.compile(r"-?\d+(\.\d+)?(e-\d+)?")
 
 
 def _write_value(value: object) -> object:
     if isinstance(value, float):
-        return f"{value:.3g}" if 0 < abs(value) < 0.001 else f"{value:.4f}".rstrip("0").rstrip(".")
-    return value
+        value = f"{value:.3g}" if 0 < abs(value) < 0.001 else f"{value:.4f}".rstrip("0").rstrip(".")
+    # a number below 0 is no formula
+    return FormattedNumber(value) if isinstance(value, str) and NUMBER.fullmatch(value) else value
 
 
 def list_networks(space: Workspace) -> dict[str, set[str]]:
