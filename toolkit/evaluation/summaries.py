@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from math import isnan
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 from rich.table import Table
@@ -25,6 +25,7 @@ SCHEMA_VERSION = 1
 """Newest version of `summary.json` that is read here."""
 CLEAR, MEAN = "clear", "mean of corruptions"
 """Condition of uncorrupted images, and of a mean over several conditions."""
+Content = TypeVar("Content", bound=BaseModel)
 Kind = Literal["eval", "detection", "world-eval", "sweep", "benchmark", "landing"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 Metric = Literal["top1", "success", "found"]
@@ -235,11 +236,11 @@ def name_kind(content: Mapping[str, Any], run: str) -> str:
     return "sweep" if run.startswith("sweeps/") else "eval"
 
 
-def read_run(folder: Path, name: str) -> "Run":
-    """Return a run from its `summary.json`.
+def load_summary(folder: Path) -> dict[str, Any]:
+    """Return the content of a run's `summary.json`.
 
     Raises:
-        ToolkitError: the file is damaged, of a newer toolkit or of another program, or it or a table of the run was
+        ToolkitError: the file is missing, of a newer toolkit or of another program, or it or a table of the run was
             changed afterwards.
     """
     file = folder / SUMMARY
@@ -253,19 +254,30 @@ def read_run(folder: Path, name: str) -> "Run":
             f"{file} was written by a newer toolkit (schema_version {version}, expected at most {SCHEMA_VERSION}): "
             "update toolkit"
         )
+    # files of the run must be unchanged
+    check_run(folder, content)
+    return content
+
+
+def validate_summary(folder: Path, content: Mapping[str, Any], model: type[Content]) -> Content:
+    """Return the fields that a model names in `load_summary`; a `ToolkitError` if they are damaged."""
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise ToolkitError(f"{folder / SUMMARY} is damaged ({explain_validation(error)}): make the run again") from None
+
+
+def read_run(folder: Path, name: str) -> "Run":
+    """Return a run from its `summary.json`; a `ToolkitError` as `load_summary`, or if the file is damaged."""
+    file, content = folder / SUMMARY, load_summary(folder)
     if "groups" not in content and "cells" not in content:
         raise ToolkitError(f"{file} is not a result of toolkit: expected groups or cells in it")
     said = name_kind(content, name)
     kind = next((known for known in KINDS if known == said), None)
     if kind is None:
         raise ToolkitError(f"{file} has an unknown kind {said!r}: expected one of {', '.join(KINDS)}: update toolkit")
-    # files of the run must be unchanged
-    check_run(folder, content)
-    try:
-        found = _Summary.model_validate(content)
-        return Run(name, folder, kind, tuple(_list_rows(name, kind, found)), found.network)
-    except ValidationError as error:
-        raise ToolkitError(f"{file} is damaged ({explain_validation(error)}): make the run again") from None
+    found = validate_summary(folder, content, _Summary)
+    return Run(name, folder, kind, tuple(_list_rows(name, kind, found)), found.network)
 
 
 def _list_rows(run: str, kind: Kind, found: _Summary) -> Iterator[ResultRow]:

@@ -312,6 +312,7 @@ def make_up_run(folder, boosters, gained, *, variant="patched"):
     renderers = ["raycast", "filament (open3d 0.19.0)", "mitsuba 3.9.1 llvm_ad_rgb"]
     sources = ["sim", "sim-filament", "sim-mitsuba"]
     summary = {
+        "schema_version": 1,
         "model": {"arch": "resnet18"},
         "rests_on": {
             "sources": [
@@ -362,6 +363,10 @@ def test_the_board_says_in_which_renderers_a_gain_holds(entered, tmp_path):
     for spoilt in (tmp_path / "all", tmp_path / "absent"):
         with pytest.raises(ToolkitError, match=r"summary\.json"):
             write_board([ours], tmp_path / "bad", [spoilt])
+    content = json.loads((tmp_path / "some/summary.json").read_text())
+    (tmp_path / "some/summary.json").write_text(json.dumps(content | {"content_sha256": "0" * 64}))
+    with pytest.raises(ToolkitError, match="was changed after the run"):
+        write_board([ours], tmp_path / "bad", [tmp_path / "some"])
 
 
 def test_commands(entry, tmp_path, monkeypatch):

@@ -12,13 +12,13 @@ from pydantic import BaseModel, Field, NonNegativeInt
 
 from toolkit.captures.capture import UNPATCHED
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import read_json, write_json, write_text
+from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import PairedOutcomes, adjust_holm, sign_flip_p
 from toolkit.core.tables import encode_csv
 from toolkit.evaluation.agreement import say_where, shorten_names
 from toolkit.evaluation.contact_sheet import encode_jpeg
 from toolkit.evaluation.page import write_page
-from toolkit.evaluation.run_files import SUMMARY
+from toolkit.evaluation.summaries import load_summary, validate_summary
 from toolkit.imaging.style import COLOURS, UNPATCHED_COLOUR
 from toolkit.rooms.benchmarks.challenge.entry import EntryRecord
 from toolkit.rooms.benchmarks.challenge.score import (
@@ -111,13 +111,13 @@ class _Booster(BaseModel):
     sha256: str
 
 
-class _Source(BaseModel):
+class _SourceBoosters(BaseModel):
     source: str
     boosters: tuple[_Booster, ...]
 
 
 class _Origin(BaseModel):
-    sources: tuple[_Source, ...] = ()
+    sources: tuple[_SourceBoosters, ...] = ()
 
 
 class _Gain(BaseModel):
@@ -138,7 +138,7 @@ class _Network(BaseModel):
     arch: str
 
 
-class _Summary(BaseModel):
+class _RendererSummary(BaseModel):
     """What `summary.json` of an evaluation says of renderers, and of the boosters in its images."""
 
     model: _Network
@@ -146,17 +146,13 @@ class _Summary(BaseModel):
     renderers: tuple[_Agreement, ...] = ()
 
 
-def describe_renderers(entry: EntryRecord, run: Path) -> Iterator[str]:
-    """Yield `resnet18, 36 pairs: holds in all 3 renderers` if a run shows an entry's boosters by several renderers.
+def describe_renderers(entry: EntryRecord, summary: _RendererSummary) -> Iterator[str]:
+    """Yield `resnet18, 36 pairs: holds in all 3 renderers` for an evaluation of several renderers.
 
     Args:
         entry: record of the entry.
-        run: folder of an evaluation, see `toolkit.evaluation.agreement`.
-
-    Raises:
-        ToolkitError: no evaluation, or a damaged one.
+        summary: of the evaluation, see `toolkit.evaluation.agreement`.
     """
-    summary = read_json(run / SUMMARY, _Summary)
     shown = {
         source.source: {booster.sha256 for booster in source.boosters if booster.variant == entry.variant}
         for source in (summary.rests_on or _Origin()).sources
@@ -207,9 +203,10 @@ def write_board(
     classes: dict[tuple[object, ...], list[Judged]] = {}
     for entry in entries:
         classes.setdefault(entry.score.class_of, []).append(entry)
+    shot = [validate_summary(run, load_summary(run), _RendererSummary) for run in runs]
     boards = [
         [
-            replace(one, renderers=tuple(words for run in runs for words in describe_renderers(one.score.entry, run)))
+            replace(one, renderers=tuple(words for each in shot for words in describe_renderers(one.score.entry, each)))
             for one in rank_entries(own)
         ]
         for own in classes.values()
