@@ -78,6 +78,7 @@ def test_a_second_list_is_the_same_without_loading_a_network_until_a_file_change
     # a new file and a changed file are surveyed, a network that does not load each time
     (own / "broken.pt2").write_bytes(b"noise")
     assert [row["model"] for row in json.loads(run("--json").stdout)] == ["rig18", "broken"]
+    run("--json")
     assert run("--json").exit_code == 1 and loaded.count("broken") > loaded.count("rig18") == 2
     (own / "broken.pt2").unlink()
     assert run("--json").stdout == first.stdout

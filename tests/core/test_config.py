@@ -7,7 +7,19 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field, model_validator
 
-from toolkit.core.config import Config, Expect, Flag, Joined, Later, Range, Rising, align_rows, bounds_of, describe
+from toolkit.core.config import (
+    Config,
+    Expect,
+    Flag,
+    Joined,
+    Later,
+    Range,
+    Rising,
+    align_rows,
+    bounds_of,
+    describe,
+    describe_changes,
+)
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_json
 
@@ -201,3 +213,17 @@ def test_help_says_what_each_field_means_and_nothing_of_pydantic():
     assert "replace=False" in said and "with_overrides" in said
     for name, info in EvalConfig.model_fields.items():
         assert f"{name}: {info.description}" in said
+
+
+def test_changes_of_a_recipe_name_what_differs():
+    class Part(Config):
+        strength: float = 1.0
+
+    class Recipe(Config):
+        evenly: bool = False
+        part: Part | None = None
+        size_px: int = 8
+
+    assert describe_changes(Recipe(), {"evenly": False, "part": False, "size_px": 8}) == ""
+    assert describe_changes(Recipe(), {"evenly": True, "part": True, "size_px": 9}) == "evenly on, part on, size 9 px"
+    assert describe_changes(Recipe(evenly=True, part=Part()), {"evenly": False, "part": True}) == "evenly off"

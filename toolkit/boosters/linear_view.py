@@ -193,12 +193,13 @@ def batch_views(
     import torch
 
     precision = np.float16 if half else np.float32
+    pairs = list(zip(views, behind or [None] * len(views), strict=True))
     still = np.stack(
         [
             # what lies behind shows through where the object covers a pixel in part
             (view.dark + (1 - view.coverage[..., None]) * (view.behind if back is None else back).astype(np.float32))
             .astype(precision)
-            for view, back in zip(views, behind or [None] * len(views), strict=True)
+            for view, back in pairs
         ]
     )  # fmt: skip
 
@@ -211,10 +212,7 @@ def batch_views(
         still=torch.from_numpy(still).to(device), counts=tuple(len(view.pixel) for view in views),
         pixel=gather("pixel", np.int64), uv=gather("uv", np.float32), lod=gather("lod", precision),
         gain=gather("gain", precision), share=gather("share", precision),
-        repaints=tuple(
-            partial(_repaint_before, view, back)
-            for view, back in zip(views, behind or [None] * len(views), strict=True) if view.repaint is not None
-        ),
+        repaints=tuple(partial(_repaint_before, view, back) for view, back in pairs if view.repaint is not None),
     )  # fmt: skip
 
 

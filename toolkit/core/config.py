@@ -290,7 +290,9 @@ def describe_changes(base: Config, overrides: Mapping[str, object]) -> str:
         before: object = base
         for name in path.split("."):
             before = getattr(before, name, None)
-        is_same = value == (before is not None) if isinstance(value, bool) else value == before
+        # a switch of a part is compared with whether there is one
+        is_switch = isinstance(value, bool) and not isinstance(before, bool)
+        is_same = value == (before is not None) if is_switch else value == before
         if not is_same:
             changed.append(f"{_name_words(name)} {describe(value, name)}")
     return ", ".join(changed)

@@ -80,11 +80,15 @@ def survey_local(folder: Path | None = None) -> list[SurveyedModel]:
     places = [place for place in (BUNDLED_DIR, folder, weights_folder(), cache_dir()) if place is not None]
     files = [*(file for place in places for file in place.glob("*")), *map(Path, filter(None, sys.path))]
 
+    fresh: list[SurveyedModel] = []
+
     def make() -> Arrays:
-        rows = [asdict(row) for row in survey_models(list_models(folder), folder=folder)]
-        return {"rows": np.frombuffer(json.dumps(rows).encode(), np.uint8)}
+        fresh.extend(survey_models(list_models(folder), folder=folder))
+        return {"rows": np.frombuffer(json.dumps(list(map(asdict, fresh))).encode(), np.uint8)}
 
     kept = keep_arrays("models", [sys.version, *places, *map(_stamp, sorted(files))], make)
+    if fresh:
+        return fresh
     rows = [SurveyedModel(**row) for row in json.loads(kept["rows"].tobytes())]
     broken = [row.model for row in rows if row.classes is None]
     again = {row.model: row for row in survey_models(broken, folder=folder)} if broken else {}

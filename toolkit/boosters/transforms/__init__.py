@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     import numpy as np
     import torch
 
-STAGES = ("place", "print", "paper", "view", "light", "photo", "network", "features")
-"""Stages of transforms in the order in which they act: place of the patch, print, paper in the scene, depth of a view,
-light of a view, photograph, input of a network, features of a network."""
 OF_NETWORKS = ("network", "features")
 """Stages that act for each network by itself."""
 Probability = Annotated[float, Field(ge=0, le=1)]
@@ -29,7 +26,8 @@ class Transform(Config):
     A field of `PatchConfig` or `TextureConfig` that holds a transform makes it act.
 
     Attributes:
-        stage: of `STAGES`.
+        stage: where it acts. In this order: `place` of the patch, `print`, `paper` in the scene, `view` (its depth),
+            `light`, `photo`, `network` (its input), `features` of a network.
         drawn_as: names its draws: renamed, it would draw other numbers. By default the name of the class.
     """
 
