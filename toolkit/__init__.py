@@ -1,4 +1,4 @@
-"""Boost physical objects for a neural network, and prove that it worked: `import toolkit as tk`.
+"""Boost physical objects for a neural network, and measure whether it worked: `import toolkit as tk`.
 
 What is worth importing is listed once, in `__init__.pyi`, in the order of the road: a workspace, objects and networks,
 training, the page, the pose plan, pictures, evaluation. A name is loaded when it is first used, so that the import
