@@ -57,7 +57,7 @@ FORMATS = ("jpg", "png")
 UNIT_SHOTS = 64
 """Largest number of shots in a unit."""
 NOT_WANTED = "of another plan or file format than the images that were shot last"
-SHOTS = Work("shot", 3, old_at="look")
+SHOTS = Work("shot", 4)
 _painting = Lock()
 
 
