@@ -1,12 +1,15 @@
 """Studios: from one seed, all different, none too dark or too bright to be a photograph."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from toolkit.core.cache import PLACE
 from toolkit.core.errors import ToolkitError
 from toolkit.rig import studio
-from toolkit.rig.studio import BACKDROPS, LIGHTS, make_studio, name_studio
+from toolkit.rig.scene import illuminate
+from toolkit.rig.studio import BACKDROPS, LIGHTS, TRAINED_LIGHTS, make_studio, name_studio
 
 
 def test_equal_seeds_make_equal_studios_and_others_do_not():
@@ -58,8 +61,21 @@ def test_every_backdrop_in_every_light_is_well_exposed(backdrop, light):
     assert 45 < code < 225
 
 
+def test_the_lights_for_tests_are_a_hard_lamp_in_the_dark_and_a_blue_sky_with_its_sun():
+    """The share of the key light in what lies on level ground, its size, and the colour overhead."""
+    lamp, sky = (make_studio(4, 60, "white", light) for light in ("lamp", "sky"))
+    for made, least, most in ((lamp, 0.85, 1), (sky, 0.5, 0.85)):
+        total, room = (
+            illuminate(made.environment, key).sum() for key in (made.key, replace(made.key, irradiance=(0, 0, 0)))
+        )
+        assert least < 1 - room / total < most and made.key.radius_deg <= 0.5
+    red, _, blue = sky.environment[0, 0]
+    assert blue > 2 * red and sky.environment[120, 0].sum() > sky.environment[0, 0].sum()
+    assert set(LIGHTS) - set(TRAINED_LIGHTS) == {"lamp", "sky"}
+
+
 def test_unknown_names_are_refused_with_the_nearest():
     with pytest.raises(ToolkitError, match=r"no backdrop called 'oakk': did you mean oak\?"):
         make_studio(0, 50, "oakk")
-    with pytest.raises(ToolkitError, match="no light called 'lamp': known: studio, side, warm, dim"):
-        make_studio(0, 50, light="lamp")
+    with pytest.raises(ToolkitError, match="no light called 'torch': known: studio, side, warm, dim, lamp, sky"):
+        make_studio(0, 50, light="torch")

@@ -2,6 +2,7 @@
 
 import itertools
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pdfplumber
@@ -10,7 +11,7 @@ from PIL import Image
 
 from toolkit.captures.manifest import read_manifest
 from toolkit.captures.read import read_captures
-from toolkit.captures.shoot import Rehearsal, ShootSettings, shoot_plan
+from toolkit.captures.shoot import Rehearsal, ShootSettings, shoot_plan, studio_for
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
@@ -20,7 +21,11 @@ from toolkit.objects.records import NetworkRecord
 from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
 from toolkit.rig import Misfit, ShotListConfig, WrapConfig
 from toolkit.rig.applied.wrap import WrapBooster
+from toolkit.rig.camera import Camera
+from toolkit.rig.kernel.frame import NOTHING
 from toolkit.rig.plan import read_plan
+from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.renderer import view_from
 from toolkit.rig.variants import apply_booster, find_booster, note_booster
 from toolkit.rig.wrap_plan import plan_wrap, take_best
 from toolkit.rooms.photos.shot_list.job import write_shot_list
@@ -103,6 +108,23 @@ def test_its_place_is_the_seeds_and_its_ink_the_printers(space, crate):
     assert looks[0] == looks[1] != looks[2]
     printed = Rehearsal().print_booster(booster, 0, "crate").pixels
     assert printed.shape == booster.pixels.shape and np.abs(printed.astype(int) - booster.pixels).max() > 10
+
+
+@pytest.mark.parametrize("variant", ["patched", "wrapped"])
+def test_what_is_printed_has_four_samples_in_every_pixel_and_the_objects_own_paper_has_not(space, crate, variant):
+    worn = apply_booster(crate, find_booster(space, crate, variant, perfect=True))
+    mesh = replace(worn, materials=tuple(one if one.sheet else replace(one, name="paper") for one in worn.materials))
+    renderer = RaycastRenderer(mesh, studio_for(crate, ShootSettings(backdrop="white")))
+    camera, pose = Camera.from_fov(96, 72), read_plan(space.plan_file).objects["crate"][0].matrix()
+    part = renderer._tracer.trace(view_from(camera, pose), (0, 0, 96, 72))
+    seen = part.hits.face != NOTHING
+    material = mesh.face_material[np.where(seen, part.hits.face, 0)]
+    printed = seen & np.array([bool(one.sheet) for one in mesh.materials])[material]
+    own = seen & ~printed
+    refined = np.isin(np.arange(len(seen)), part.refine)
+    assert printed.sum() > 50 and refined[printed].all()
+    # of the crate a wrap leaves edges alone bare
+    assert variant == "wrapped" or refined[own].mean() < 0.8
 
 
 def test_a_plan_with_nothing_trained_on_it_is_refused(space, crate):

@@ -41,7 +41,6 @@ from toolkit.rig import PAIR
 from toolkit.rig.applied.base import AppliedBooster
 from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
-from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.plan import CapturePlan, Pose, check_poses
 from toolkit.rig.renderers import RAYCAST, RENDERERS, check_renderer, describe_cost, make_renderer
 from toolkit.rig.scene import Scene
@@ -57,7 +56,7 @@ FORMATS = ("jpg", "png")
 UNIT_SHOTS = 64
 """Largest number of shots in a unit."""
 NOT_WANTED = "of another plan or file format than the images that were shot last"
-SHOTS = Work("shot", 3, old_at="look")
+SHOTS = Work("shot", 4)
 _painting = Lock()
 
 
@@ -110,9 +109,9 @@ class Rehearsal:
         return replace(booster, pixels=np.ascontiguousarray(quantise(printed)))
 
     def tape(self, mesh: Mesh) -> Mesh:
-        """The mesh with tape over its sheets of paper."""
+        """The mesh with tape over what is taped on it; the pieces of a wrap are glued."""
         materials = tuple(
-            replace(material, roughness=self.tape_roughness) if material.name == PAPER_MATERIAL else material
+            replace(material, roughness=self.tape_roughness) if material.sheet == "taped" else material
             for material in mesh.materials
         )
         return replace(mesh, materials=materials)

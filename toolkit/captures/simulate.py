@@ -27,7 +27,7 @@ class SimulateConfig(Config):
     backdrop: Annotated[str | None, Flag(metavar="NAME")] = Field(
         None, description="Table top: oak, walnut, white, concrete, linen, slate, birch. Default: by seed."
     )
-    light: Annotated[str | None, Flag(metavar="studio|side|warm|dim")] = Field(
+    light: Annotated[str | None, Flag(metavar="studio|side|warm|dim|lamp|sky")] = Field(
         None, description="Of the rig. Default: studio, with {rehearse} side."
     )
     renderer: Annotated[str, Flag(metavar="|".join(RENDERERS))] = Field(RAYCAST, description="What draws the images.")

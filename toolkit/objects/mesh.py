@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, pairwise
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -246,6 +246,7 @@ class Material:
         roughness: 0 mirror … 1 matte.
         metallic: 0 dielectric … 1 metal.
         emission: light of lamps, on the same coordinates: HWC uint8, sRGB-encoded.
+        sheet: how a printed sheet is fastened, `taped` or `glued`; empty: it is the object's own surface.
     """
 
     name: str
@@ -253,6 +254,7 @@ class Material:
     roughness: float = 0.6
     metallic: float = 0.0
     emission: np.ndarray | None = None
+    sheet: Literal["", "glued", "taped"] = ""
 
 
 @dataclass(frozen=True)

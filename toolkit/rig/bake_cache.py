@@ -13,7 +13,6 @@ from toolkit.objects.mesh import Mesh, hash_triangles
 from toolkit.rig.kernel.scene import FACE, LitMesh, as_rotation, as_triple
 from toolkit.rig.kernel.textures import Texels, fill_colours
 from toolkit.rig.lighting import Shape, bake_surroundings
-from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.scene import AT_ORIGIN, Scene, Stand
 from toolkit.rig.textures import pack_textures
 from toolkit.rig.trace import LitBody
@@ -121,7 +120,7 @@ def light_mesh(mesh: Mesh, paint: PackedPaint, light: BakedLight, stand: Stand) 
         faces=faces, corners=corners, texture=paint.texture,
         roughness=np.array([m.roughness for m in materials], np.float32),
         metallic=np.array([m.metallic for m in materials], np.float32),
-        finely=np.array([m.name == PAPER_MATERIAL for m in materials]),
+        finely=np.array([bool(m.sheet) for m in materials]),
         left_out=np.zeros(len(materials), bool), texels=paint.texels,
         glow=np.full(len(materials), -1, np.int32), glow_lod=np.zeros(len(materials), np.float32),
         glow_texels=kept(pack_one, NO_PICTURE),

@@ -351,7 +351,7 @@ def _sheet_mesh(points: np.ndarray, along_right: bool, T_object_sheet: np.ndarra
     front = Mesh(
         vertices=place, normals=normals, uv=uv, faces=faces.astype(np.int32),
         face_material=np.zeros(len(faces), np.int32),
-        materials=(Material(PAPER_MATERIAL, paper, roughness=0.75),),
+        materials=(Material(PAPER_MATERIAL, paper, roughness=0.75, sheet="taped"),),
     )  # fmt: skip
     # the unprinted back, 0.15 mm below the print
     back = replace(

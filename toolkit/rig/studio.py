@@ -147,6 +147,16 @@ def paint_room(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
     return np.ascontiguousarray(blurred, np.float32)
 
 
+def paint_sky(shape: tuple[int, int]) -> np.ndarray:
+    """(h, w, 3) float32 linear radiance, equirectangular: a clear sky without its sun, bright at the horizon; lawn."""
+    height, width = shape
+    upward = np.sin(np.pi / 2 - (np.arange(height) + 0.5) * np.pi / height)[:, None]
+    haze = np.exp(-4 * upward.clip(0))
+    sky = haze * [0.62, 0.68, 0.75] + (1 - haze) * [0.14, 0.26, 0.55]
+    rows = np.where(upward > 0, sky, [0.11, 0.14, 0.06])
+    return np.repeat(rows[:, None].astype(np.float32), width, axis=1)
+
+
 def _rectangle(room: np.ndarray, box: tuple[int, int, int, int], colour: ArrayLike) -> None:
     """Fill a rectangle (left, top, width, height) that may cross the seam."""
     x, y, w, h = box
@@ -189,8 +199,12 @@ LIGHTS: dict[str, KeyLight] = {
     "side": KeyLight(azimuth_deg=95, elevation_deg=24, radius_deg=5, irradiance=(2.9, 2.8, 2.7)),
     "warm": KeyLight(azimuth_deg=-35, elevation_deg=48, irradiance=(2.6, 1.95, 1.25)),
     "dim": KeyLight(elevation_deg=60, radius_deg=12, irradiance=(0.55, 0.55, 0.6)),
+    "lamp": KeyLight(azimuth_deg=-50, elevation_deg=38, radius_deg=0.5, irradiance=(3.2, 2.8, 2.2)),
+    "sky": KeyLight(azimuth_deg=60, elevation_deg=35, radius_deg=0.27, irradiance=(3.6, 3.3, 2.8)),
 }
-ROOM_LIGHT = {"studio": 1.0, "side": 0.55, "warm": 0.75, "dim": 0.45}
+ROOM_LIGHT = {"studio": 1.0, "side": 0.55, "warm": 0.75, "dim": 0.45, "lamp": 0.12}
+TRAINED_LIGHTS = ("studio", "side", "warm", "dim")
+"""Lights of training images; the others are for tests: a hard lamp in a dark room, and sun and sky."""
 BACKDROPS = tuple(TABLES)
 
 
@@ -241,6 +255,8 @@ def make_studio(
         table = kind.paint(rng, table_mm)
         # the room takes on the key light's tint
         warmth = np.array([key.irradiance[0], key.irradiance[1], key.irradiance[2]]) / max(key.irradiance)
+        if light == "sky":  # it has its own colours
+            return {"table": table, "room": paint_sky(ENVIRONMENT_SHAPE)}
         room = paint_room(rng, ENVIRONMENT_SHAPE) * np.float32(ROOM_LIGHT[light]) * warmth.astype(np.float32)
         return {"table": table, "room": room}
 

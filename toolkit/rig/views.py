@@ -24,7 +24,7 @@ from toolkit.rig.renderer import Renderer
 from toolkit.rig.renderers import RAYCAST, make_renderer
 from toolkit.rig.scene import Scene, Stand
 from toolkit.rig.shading import DepthBuffer, LinearView, tone_map
-from toolkit.rig.studio import LIGHTS, make_studio
+from toolkit.rig.studio import TRAINED_LIGHTS, make_studio
 
 FOV_DEG = 30.5
 """Field of view of the square picture, degrees: what the middle of a 4:3 frame of 40° shows."""
@@ -145,7 +145,7 @@ class StudioSetting:
     def set_up(self, mesh: Mesh, draws: Draws) -> tuple[Scene, Stand]:
         """Another studio for each block."""
         rng = draws.of("setting")
-        light, stand = str(rng.choice(list(LIGHTS))), Stand(turn_deg=float(rng.uniform(0, 360)))
+        light, stand = str(rng.choice(TRAINED_LIGHTS)), Stand(turn_deg=float(rng.uniform(0, 360)))
         studio = make_studio(draws.key("studio"), float(mesh.size_mm.max()), light=light)
         return _coarsen_studio(studio) if self.is_coarse else studio, stand
 

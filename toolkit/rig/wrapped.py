@@ -86,7 +86,7 @@ def wear_wrap(mesh: Mesh, wrap: Wrap, pixels: np.ndarray, places: Sequence[np.nd
     return merge_meshes(
         [
             mesh,
-            front.as_mesh(np.concatenate(uv), Material(SHEET_MATERIAL, pixels, ROUGHNESS)),
+            front.as_mesh(np.concatenate(uv), Material(SHEET_MATERIAL, pixels, ROUGHNESS, sheet="glued")),
             edges.as_mesh(np.zeros_like(edges.sheet_mm), Material(EDGE_MATERIAL, white, ROUGHNESS)),
         ]
     )

@@ -76,7 +76,7 @@ class Pad:
         return Mesh(
             corners, np.tile(np.array([[0, 0, 1]], np.float32), (4, 1)),
             np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32), np.array([(0, 1, 2), (0, 2, 3)], np.int32),
-            np.zeros(2, np.int32), (Material(PAPER_MATERIAL, self.picture, ROUGHNESS),),
+            np.zeros(2, np.int32), (Material(PAPER_MATERIAL, self.picture, ROUGHNESS, sheet="glued"),),
         )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ import pytest
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import Camera, orbit_pose, project
 from toolkit.rig.plan import CapturePlan, Pose, scale_distance, scale_resolution
-from toolkit.rig.studio import BACKDROPS, LIGHTS
+from toolkit.rig.studio import BACKDROPS, TRAINED_LIGHTS
 from toolkit.rooms.benchmarks.sweeps.axes import AXES, PAPER_MM, find_axis, parse_values
 
 TARGET = (1.0, -2.0, 30.0)
@@ -70,7 +70,7 @@ def test_resolution_that_no_camera_has_is_refused():
 
 
 def test_default_values_are_those_of_the_studio_and_the_paper():
-    assert parse_values(AXES["light"]) == list(LIGHTS)
+    assert parse_values(AXES["light"]) == list(TRAINED_LIGHTS)
     assert parse_values(AXES["backdrop"], []) == list(BACKDROPS)
     assert abs(PAPER_MM - 100 / 72 * 25.4 * 2.5) < 1e-3
     assert parse_values(AXES["size"])[-1] == PAPER_MM

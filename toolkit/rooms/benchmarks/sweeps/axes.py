@@ -10,7 +10,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import printed_size_mm
 from toolkit.rig.plan import CapturePlan, check_poses, scale_distance, scale_resolution
-from toolkit.rig.studio import BACKDROPS, LIGHTS
+from toolkit.rig.studio import BACKDROPS, LIGHTS, TRAINED_LIGHTS
 from toolkit.rig.variants import find_booster
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def _make_weather(name: str, corruption: str, title: str) -> Axis:
 
 
 _AXES = (
-    Axis("light", "light", "", tuple(LIGHTS), parse=_name("light", tuple(LIGHTS)), change=_change_setting("light")),
+    Axis("light", "light", "", TRAINED_LIGHTS, parse=_name("light", tuple(LIGHTS)), change=_change_setting("light")),
     Axis("backdrop", "backdrop", "", BACKDROPS, parse=_name("backdrop", BACKDROPS), change=_change_setting("backdrop")),
     Axis(
         "distance", "distance, as a multiple of the plan's", "x", (0.9, 1.0, 1.5, 2.0, 3.0),
