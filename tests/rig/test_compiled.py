@@ -17,6 +17,7 @@ from test_frames import CAMERA, POSES, make_renderer
 import toolkit
 from toolkit.core.console import quietly
 from toolkit.core.files import sha256_bytes
+from toolkit.rig import raycast
 from toolkit.rig.kernel import compiled
 
 PACKAGE = Path(toolkit.__file__).parent
@@ -107,6 +108,31 @@ def test_a_second_thread_waits_and_ends_with_the_first(start, tmp_path, is_inter
         found = [future.exception() for future in (first, second)]
     assert done == ["compiled"] and compiled.is_compiled() is not is_interrupted
     assert [type(one) for one in found] == 2 * [KeyboardInterrupt if is_interrupted else type(None)]
+
+
+@pytest.mark.parametrize("cores", [1, 2])
+def test_a_second_core_compiles_half_of_it(start, tmp_path, monkeypatch, cores):
+    start(tmp_path)
+    asked = []
+    monkeypatch.setattr(raycast, "count_cores", lambda: cores)
+    monkeypatch.setattr(raycast, "run_python", lambda code, **_: asked.append(code))
+    compiled.prepare(raycast._compile_all)
+    assert len(asked) == cores - 1
+    for code in asked:
+        start(tmp_path / "other")
+        exec(code)
+        # sealed by the process that has all
+        assert not (compiled.cache_folder() / compiled.SEAL).exists()
+
+
+def test_renderers_wait_for_what_was_begun(start, tmp_path, monkeypatch):
+    start(tmp_path)
+    held, done = threading.Event(), []
+    monkeypatch.setattr(raycast, "_compile_all", lambda: (held.set(), time.sleep(0.3), done.append("compiled")))
+    raycast.begin_compiling()
+    assert held.wait(60) and not done
+    raycast.compile_ahead()
+    assert done == ["compiled"]
 
 
 def test_without_a_folder_to_write_to_each_start_compiles_and_says_so(start, tmp_path, capsys):

@@ -232,6 +232,10 @@ def _shoot_plan(
     if config.source == "real":
         raise FieldError("captures/real is for photographs: name another folder, such as sim-2", {"source": "real"})
     names = list(objects) or list(plan.objects)
+    if config.renderer == RAYCAST:
+        from toolkit.rig.raycast import begin_compiling
+
+        begin_compiling()
     if set(variants) & set(ON_PAPER):
         from toolkit.core.console import errors
 

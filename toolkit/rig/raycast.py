@@ -5,11 +5,13 @@ texture at the right level of detail, and the gloss. Silhouettes, creases and pr
 """
 
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import cv2
 import numpy as np
 
+from toolkit.core.child import count_cores, run_python
 from toolkit.core.threads import map_ahead
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.bake_cache import (
@@ -24,7 +26,7 @@ from toolkit.rig.bake_cache import (
 )
 from toolkit.rig.camera import Camera, orbit_direction, orbit_pose, project
 from toolkit.rig.kernel import compiled
-from toolkit.rig.kernel.frame import Hits, Linear, paint_background, paint_mesh
+from toolkit.rig.kernel.frame import Hits, Linear, TracedRegion, paint_background, paint_mesh
 from toolkit.rig.kernel.light import LightMap
 from toolkit.rig.kernel.scene import (
     ROUGHNESS_LEVELS,
@@ -40,7 +42,7 @@ from toolkit.rig.renderer import Renderer, name_hits, view_from
 from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
 from toolkit.rig.shading import LinearView, tone_map
 from toolkit.rig.textures import blur_directions, pad_channels
-from toolkit.rig.trace import LitBody, Tracer
+from toolkit.rig.trace import NO_REGION, LitBody, Tracer
 
 LIGHT_MAP_ZOOM = 2
 """The table's light is kept so many times as fine as it was baked, smoothly filled in."""
@@ -138,8 +140,16 @@ class RaycastRenderer(Renderer):
         self, camera: Camera, T_world_camera: np.ndarray, lit: LitMesh, linear: bool
     ) -> tuple[np.ndarray, Linear, Hits]:
         """(h, w, 3) float32 what rays met before black, samples of a linear view if asked for, first hits."""
+        part = self._trace(camera, T_world_camera)
+        return *self._paint_hits(camera, T_world_camera, lit, part, linear), part.hits
+
+    def _trace(self, camera: Camera, T_world_camera: np.ndarray) -> TracedRegion:
+        return self._tracer.trace(view_from(camera, T_world_camera), self._region(camera, T_world_camera))
+
+    def _paint_hits(
+        self, camera: Camera, T_world_camera: np.ndarray, lit: LitMesh, part: TracedRegion, linear: bool
+    ) -> tuple[np.ndarray, Linear]:
         view = view_from(camera, T_world_camera)
-        part = self._tracer.trace(view, self._region(camera, T_world_camera))
         # a pixel has its centre's sample, and four finer samples if it was refined
         most = len(part.hits.face) + 4 * len(part.refine) if linear else 0
         pixels = camera.height * camera.width
@@ -153,7 +163,7 @@ class RaycastRenderer(Renderer):
         if self._others is not None:
             # surroundings are never trained: their samples are left out
             paint_mesh(self._around, self._others.lit, 1, view, part, flat, out._replace(pixel=out.pixel[:0]))
-        return picture, Linear(out.coverage, *(array[:count].copy() for array in out[1:])), part.hits
+        return picture, Linear(out.coverage, *(array[:count].copy() for array in out[1:]))
 
     def _paint_background(
         self, camera: Camera, T_world_camera: np.ndarray, coverage: np.ndarray, picture: np.ndarray, apart: bool
@@ -187,9 +197,21 @@ class RaycastRenderer(Renderer):
         return left, top, max(min(right, camera.width), left), max(min(bottom, camera.height), top)
 
 
+LEAST_VIEW = Camera.from_fov(16, 16), orbit_pose(np.zeros(3), 0, 60, 30)
+MOST_COMPILING_S = 120.0
+"""CPU seconds of the other process that compiles: ten times what it takes."""
+
+
 def compile_ahead() -> None:
     """Compile the renderer for this machine, unless its machine code is on disk."""
     compiled.prepare(_compile_all)
+
+
+def begin_compiling() -> None:
+    """Begin `compile_ahead` beside what the caller does next; renderers wait for it."""
+    pool = ThreadPoolExecutor(1, "compile")
+    pool.submit(compile_ahead)
+    pool.shutdown(wait=False)
 
 
 def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:
@@ -226,15 +248,40 @@ def _blur_environment(environment: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 
 def _compile_all() -> None:
-    """Render a triangle in every way."""
-    # the smallest scene that goes through every kernel, once in a studio and once out of doors
+    """Render a triangle in every way, with half of the compiling in another process where there is a core for it."""
+    with ThreadPoolExecutor(1, "compile") as pool:
+        is_shared = count_cores() > 1 and compiled.cache_folder() is not None
+        code = "from toolkit.rig.raycast import compile_paint; compile_paint()"
+        paint = pool.submit(run_python, code, most_s=MOST_COMPILING_S) if is_shared else None
+        studio, world = _make_least(is_outdoors=False), _make_least(is_outdoors=True)
+        for renderer in (studio, world):
+            renderer._trace(*LEAST_VIEW)
+        if paint is not None:
+            paint.result()
+    # of the other process's share, only what it could not compile is compiled here
+    studio.render_linear(*LEAST_VIEW, studio._mesh.materials[0].texture)
+    tone_map(world.render(*LEAST_VIEW), (0,))
+
+
+def compile_paint() -> None:
+    """Compile what comes after the hits, for a process that is preparing the renderer."""
+
+    def compile_half() -> None:
+        renderer, (camera, pose) = _make_least(is_outdoors=False), LEAST_VIEW
+        picture, out = renderer._paint_hits(camera, pose, renderer._object.lit, NO_REGION, linear=True)
+        renderer._paint_background(camera, pose, out.coverage, picture, apart=False)
+        tone_map(picture, (0,))
+
+    compiled.compile_share(compile_half)
+
+
+def _make_least(is_outdoors: bool) -> RaycastRenderer:
+    """The smallest scene that goes through every kernel, in a studio or out of doors."""
     corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 1]], np.float32)
     up, faces = np.repeat(np.array([[0, 0, 1]], np.float32), 3, axis=0), np.array([[0, 1, 2]], np.int32)
     texture = np.full((8, 8, 3), 128, np.uint8)
     mesh = Mesh(corners, up, corners[:, :2] / 9, faces, np.zeros(1, np.int32), (Material("", texture),))
-    room = np.ones((32, 64, 3), np.float32)
-    studio = Scene("", KeyLight(), room, 1.0, Table(texture, (40.0, 30.0), 0.5))
-    camera, pose = Camera.from_fov(16, 16), orbit_pose(np.zeros(3), 0, 60, 30)
-    RaycastRenderer(mesh, studio).render_linear(camera, pose, texture)
-    world = replace(studio, table=None, surroundings=mesh)
-    tone_map(RaycastRenderer(mesh, world, stand=Stand((0.0, 0.0, 2.0))).render(camera, pose), (0,))
+    studio = Scene("", KeyLight(), np.ones((32, 64, 3), np.float32), 1.0, Table(texture, (40.0, 30.0), 0.5))
+    if not is_outdoors:
+        return RaycastRenderer(mesh, studio)
+    return RaycastRenderer(mesh, replace(studio, table=None, surroundings=mesh), stand=Stand((0.0, 0.0, 2.0)))

@@ -47,11 +47,7 @@ class LitBody:
 
     def draw(self, view: CameraView, samples: Samples) -> Hits:
         """First hits of samples, as `cast` finds them."""
-        count = _count(samples)
-        hits = Hits(
-            np.full(count, np.inf, np.float32), np.full(count, NOTHING, np.uint32), np.zeros((count, 2), np.float32),
-            np.full(count, self.number, np.uint8), np.full(count, -1, np.float32),
-        )  # fmt: skip
+        hits = _miss(_count(samples), self.number)
         points = self.shape.mesh.vertices
         corners, screen = np.empty((len(points), 3)), np.empty((len(points), 3), np.float32)
         # corners go straight from the mesh to pixels: one matrix for turn, place, camera and lens
@@ -137,6 +133,18 @@ class Tracer:
         free[free] = ~self.body.blocks(to_key[free])
         hits.key_share[which] = free
         return hits
+
+
+def _miss(count: int, number: int) -> Hits:
+    """Hits of rays that have met nothing yet."""
+    return Hits(
+        np.full(count, np.inf, np.float32), np.full(count, NOTHING, np.uint32), np.zeros((count, 2), np.float32),
+        np.full(count, number, np.uint8), np.full(count, -1, np.float32),
+    )  # fmt: skip
+
+
+NO_REGION = TracedRegion(0, 0, 0, 0, _miss(0, 0), np.empty(0, np.int32), _miss(0, 0))
+"""That of a camera which sees no mesh."""
 
 
 def _count(samples: Samples) -> int:

@@ -120,6 +120,14 @@ def prepare(compile_all: Callable[[], None]) -> None:
                 _preparing.release()
 
 
+def compile_share(compile_some: Callable[[], None]) -> None:
+    """Compile a part of what another process prepares, which says it and seals the folder."""
+    global _prepared
+    _prepared = True
+    with without_collector():
+        compile_some()
+
+
 def _prepare(compile_all: Callable[[], None]) -> None:
     folder = cache_folder()
     if folder is None:
