@@ -95,6 +95,11 @@ def test_an_index_means_its_label_and_a_name_in_two_spellings_is_asked_after(spa
     ("arguments", "words"),
     [
         (("../brick.ply", "--class", "cofee mug"), "--class: no class called 'cofee mug': did you mean coffee mug"),
+        (
+            ("../brick.ply", "--class", "toy car"),
+            "did you mean freight car or passenger car or sports car or car mirror",
+        ),
+        (("../brick.ply", "--class", "toy spaceship"), "'toolkit models --classes WORD' searches them"),
         (("../brick.ply", "--class", "1000"), "class index 1000 is out of range"),
         (("../gone.ply", "--class", "crate"), "gone.ply: no such mesh file"),
         (("../brick.ply", "--class", "crate", "--name", "racer"), "the name 'racer' is taken"),

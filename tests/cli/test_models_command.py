@@ -97,3 +97,15 @@ def test_a_detector_is_a_row_of_its_own_kind(space):
     (row,) = json.loads(run("--model", f"onnx:{DETECTOR}", "--speed", "--json").stdout)
     assert (row["kind"], row["classes"], row["image_px"], row["can_train"]) == ("detector", 80, 352, True)
     assert row["images_per_s"] > 0 and row["n"] is None
+
+
+def test_class_names_are_searched(space):
+    (space / "rig/classifiers").mkdir(parents=True, exist_ok=True)
+    (space / "rig/classifiers/own.json").write_text('{"arch": "resnet18", "labels": ["Toy car", "bolt"]}')
+    (space / "rig/classifiers/own.pth").write_bytes(b"")
+    shown = run("--classes", "car").stdout.splitlines()
+    assert shown[:4] == ["freight car", "passenger car", "sports car", "Toy car"]
+    assert {"car mirror", "streetcar"} <= set(shown) and "bolt" not in shown
+    assert json.loads(run("--classes", "car", "--json").stdout) == shown
+    refused = run("--classes", "xyzzy")
+    assert refused.exit_code != 0 and refused.stdout == ""

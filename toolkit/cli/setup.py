@@ -180,6 +180,10 @@ def list_models(
         str | None, typer.Option(metavar="FOLDER", help=f"Also measure the accuracy on these images. {options.DATA}")
     ] = None,
     check: Annotated[Path | None, typer.Option("--check-on", metavar="FOLDER", help=CHECK)] = None,
+    classes: Annotated[
+        str | None,
+        typer.Option(metavar="WORD", help="Print only the class names with this word: ImageNet's and your own."),
+    ] = None,
     speed: Annotated[
         bool, typer.Option("--speed", help="Also measure images per second, in evaluation and in training.")
     ] = False,
@@ -191,9 +195,12 @@ def list_models(
     if check is not None:
         _check_detectors(model or [], check, device, open_workspace(workspace), as_json)
         return
+    folder = open_workspace(workspace).classifiers_dir
+    if classes is not None:
+        _show_classes(classes, folder, as_json)
+        return
     from toolkit.evaluation import survey
 
-    folder = open_workspace(workspace).classifiers_dir
     # a plain list does not depend on the device, and is kept
     if model or data or speed or device == "cuda":
         rows = survey.survey_models(model or survey.list_models(folder), device, folder, data, speed)
@@ -205,6 +212,19 @@ def list_models(
         _show_models(rows, data is not None, speed)
     if any(row.classes is None for row in rows):
         raise typer.Exit(1)
+
+
+def _show_classes(word: str, folder: Path, as_json: bool) -> None:
+    from toolkit.models.find import search_classes
+
+    found = search_classes(word, folder)
+    if as_json:
+        show_json(found)
+    elif not found:
+        raise FieldError("no class name contains this text of three letters or more", {"classes": word})
+    else:
+        for name in found:
+            say(name)
 
 
 def _check_detectors(models: list[str], photos: Path, device: str, space: Workspace, as_json: bool) -> None:

@@ -20,7 +20,7 @@ from toolkit.core.files import read_json
 from toolkit.core.text import Label, is_folder_name, list_some
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.models.architectures import imagenet_labels, list_architectures
-from toolkit.models.labels import PYTHON_PREFIX, index_of_label, read_labels_file
+from toolkit.models.labels import PYTHON_PREFIX, index_of_label, read_labels_file, search_labels
 from toolkit.models.weights import SUFFIXES, check_named, weights_folder
 
 BUNDLED = "rig18"
@@ -382,6 +382,12 @@ def list_own(folder: Path | None = None) -> dict[str, Path]:
     return {path.stem: path for place in places for suffix in suffixes for path in sorted(place.glob(f"*{suffix}"))}
 
 
+def search_classes(text: str, folder: Path | None = None) -> list[str]:
+    """Return ImageNet's labels, and those of the classifiers of `folder`, that contain a text: whole words first."""
+    own = [label for weights in list_own(folder).values() for label in read_labels_file(weights).labels or []]
+    return search_labels(list(dict.fromkeys([*imagenet_labels(), *own])), text)
+
+
 def find_class(given: str, folder: Path | None = None) -> str:
     """Return a label of the classifiers of `folder`, or ImageNet's, by its name in any case or its index.
 
@@ -396,7 +402,10 @@ def find_class(given: str, folder: Path | None = None) -> str:
         return labels[index_of_label(labels, given)]
     except ToolkitError as error:
         own = "" if folder is None else f", and the labels of the classifiers in {folder}"
-        raise FieldError(f"{{class_name}}: {error} (ImageNet's names count{own})", {}) from None
+        raise FieldError(
+            f"{{class_name}}: {error} (ImageNet's names count{own}; 'toolkit models --classes WORD' searches them)",
+            {},
+        ) from None
 
 
 def _arch_of(weights: Path) -> str:

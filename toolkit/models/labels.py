@@ -18,6 +18,7 @@ from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.imaging.preprocessing import Preprocessing
 
 LEAST_PX, MOST_PX = 16, 4096
+MOST_RELATED = 5
 MOST_LISTED = 60
 """Longest list of classes in a message; of more, it lists similar names."""
 Pixels = Annotated[int, Field(ge=LEAST_PX, le=MOST_PX)]
@@ -394,16 +395,23 @@ def _check_index(labels: list[str], index: int) -> int:
     return index
 
 
+def search_labels(labels: list[str], text: str) -> list[str]:
+    """Return the labels that contain a text of three letters or more: those that end with it as a word first."""
+    text = text.lower()
+    found = [label for label in labels if text in label.lower()] if len(text) > 2 else []
+    return sorted(found, key=lambda label: (text not in label.lower().split(), label.lower().split()[-1] != text))
+
+
 def _unknown(labels: list[str], name: str, remedy: str) -> ToolkitError:
     if labels == number_classes(len(labels)):
         return ToolkitError(
             f"no class called '{name}': the {len(labels)} classes of this network have no names: {remedy}, or give an "
             "index"
         )
-    # two letters are in too many names to be a hint
-    containing = [label for label in labels if len(name) > 2 and name.lower() in label.lower()][:5]
-    if containing:
-        return ToolkitError(f"no class called '{name}': did you mean {' or '.join(containing)}?")
+    # the last word of a name tells the kind of object: a toy car is a car
+    for word in (name, *reversed(name.split())):
+        if related := search_labels(labels, word)[:MOST_RELATED]:
+            return ToolkitError(f"no class called '{name}': did you mean {' or '.join(related)}?")
     error = one_of("class", name, labels)
     if len(labels) <= MOST_LISTED or "did you mean" in str(error):
         return error

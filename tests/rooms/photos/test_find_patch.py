@@ -323,7 +323,7 @@ WORDS = {
 
 def test_the_pages_say_what_the_records_of_photographs_hold() -> None:
     docs = RECORDS.parents[1]
-    pages = ("tasks/photograph.md", "results/photographs.md", "how/photographs.md")
+    pages = ("tasks/photograph.md", "results/photographs.md", "reference/photographs.md")
     steps, results, how = ((docs / page).read_text() for page in pages)
     task = steps + results
     answers = json.loads((RECORDS / "keyboard.json").read_text())
