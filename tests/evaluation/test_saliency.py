@@ -89,29 +89,12 @@ def test_many_flips_wait_to_be_asked(shot, spots, monkeypatch):
 def test_an_image_gone_since_is_left_out(shot, spots, monkeypatch):
     def lose(*args):
         (shot.captures_dir / "sim/racer/patched/1.png").write_bytes(b"")
-        return compute(*args)
+        return find(*args)
 
-    compute = saliency._compute_maps
-    monkeypatch.setattr(saliency, "_compute_maps", lose)
+    find = saliency.find_feature_map
+    monkeypatch.setattr(saliency, "find_feature_map", lose)
     found, _ = pictures(evaluate_captures(shot.captures_dir, shot, spots))
     assert len(found) == 2 * 3
-
-
-def test_maps_are_made_as_images_are_classified_to_the_same_bytes(shot, spots, monkeypatch):
-    """One pass for all, against a pass for the predictions and one for the maps."""
-    asked = []
-    spots.module.register_forward_pre_hook(lambda _, given: asked.append(len(given[0])))
-    made = {}
-    for most, wanted in ((saliency.MOST_KEPT, None), (0, None), (0, False)):
-        monkeypatch.setattr(saliency, "MOST_KEPT", most)
-        asked.clear()
-        done = evaluate_captures(shot.captures_dir, shot, spots, EvalConfig(run=f"{most}-{wanted}", saliency=wanted))
-        made[most, wanted] = pictures(done)[0], (done.run_dir / "predictions.csv").read_bytes(), sum(asked)
-    one, two, none = made.values()
-    assert len(one[0]) == 8 and one[0] == two[0]
-    assert one[1] == two[1] == none[1]
-    # the other image is grey, and shows the feature map
-    assert none[2] == one[2] - 1 < two[2] - 8
 
 
 def test_heat_lies_where_the_map_has_it():

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from math import log
 from pathlib import Path
@@ -45,7 +44,7 @@ from toolkit.evaluation.results import (
     summarise,
 )
 from toolkit.evaluation.run_files import PREDICTIONS, explain_run_dir, find_run_dir, lacks_other_table, write_run
-from toolkit.evaluation.saliency import HEAT_COLOURS, HEAT_LEVELS, KeptMaps, Saliency, draw_saliency
+from toolkit.evaluation.saliency import HEAT_COLOURS, HEAT_LEVELS, Saliency, draw_saliency
 from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
 from toolkit.evaluation.summaries import Kind
 from toolkit.evaluation.tables import count_gated, pick_rows, rows_by_source
@@ -97,28 +96,20 @@ def evaluate_captures(
         ToolkitError: there are no images, the network knows no object's class, a folder is no object, a manifest is
             broken, or the folder cannot be written.
     """
-    maps = KeptMaps()
-    findings, notes = judge_captures(captures_dir, workspace, classifier, config, maps)
+    findings, notes = judge_captures(captures_dir, workspace, classifier, config)
     clean = [prediction.capture.source for prediction in findings.predictions if prediction.capture.corruption is None]
     wanted = workspace.eval_dir / (config.run or name_run(classifier, clean))
     asked = describe_asked(captures_dir, workspace, config)
-    return write_evaluation(wanted, classifier, findings, notes, config, asked=asked, maps=maps)
+    return write_evaluation(wanted, classifier, findings, notes, config, asked=asked)
 
 
 def judge_captures(
-    captures_dir: Path, workspace: Workspace, classifier: Classifier, config: EvalConfig = DEFAULT,
-    maps: KeptMaps | None = None,
-) -> tuple[Findings, tuple[str, ...]]:  # fmt: skip
-    """Classify every image of a capture folder; return findings and notes. Raises as `evaluate_captures`.
-
-    Args:
-        maps: filled with saliency maps, if the configuration does not leave them out.
-    """
+    captures_dir: Path, workspace: Workspace, classifier: Classifier, config: EvalConfig = DEFAULT
+) -> tuple[Findings, tuple[str, ...]]:
+    """Classify every image of a capture folder; return findings and notes. Raises as `evaluate_captures`."""
     folder, classes = read_labelled_captures(captures_dir, workspace, classifier, config)
     twins = TwinFinder()
-    keeping = nullcontext() if maps is None or config.saliency is False else maps.keep(classifier, classes)
-    with keeping as ask:
-        predictions = predict_captures(folder.captures, classes, classifier, config.batch_size, twins.look, ask)
+    predictions = predict_captures(folder.captures, classes, classifier, config.batch_size, twins.look)
     # files that hold the same image count once
     predictions, found = twins.drop(predictions)
     kept = tuple(prediction.capture for prediction in predictions)
@@ -155,24 +146,23 @@ def name_run(classifier: Classifier | Detector, sources: Sequence[str]) -> str:
 
 def write_evaluation(
     wanted: Path, classifier: Classifier, findings: Findings, notes: Sequence[str], config: EvalConfig = DEFAULT,
-    kind: Kind = "eval", asked: dict[str, Any] | None = None, maps: KeptMaps | None = None,
+    kind: Kind = "eval", asked: dict[str, Any] | None = None,
 ) -> Evaluation:  # fmt: skip
     """Write findings into a folder, or beside another result in it; a `ToolkitError` if it cannot be written.
 
     Args:
         kind: kind of the experiment that the evaluation is a part of.
         asked: request that `toolkit verify` repeats; None if the result was not made from a capture folder.
-        maps: saliency maps that were made as the images were classified.
     """
-    saliency = draw_saliency(findings.flips, classifier, config.saliency, maps)
-    why = [f"no saliency maps: {saliency.reason}"] if config.saliency and saliency.reason else []
+    maps = draw_saliency(findings.flips, classifier, config.saliency)
+    why = [f"no saliency maps: {maps.reason}"] if config.saliency and maps.reason else []
     # two results are the same if their predictions are
     table = encode_predictions(findings.predictions)
     run_dir = find_run_dir(wanted, lacks_other_table(PREDICTIONS, table), config.replace)
     notes = (*classifier.notes, *notes, *why, *explain_pooling(findings.pairs), *explain_run_dir(wanted, run_dir))
     summary = write_run(run_dir, summarise(classifier, findings, notes, kind) | {"asked": asked}, {PREDICTIONS: table})
     done = Evaluation(**vars(findings), run_dir=run_dir, notes=notes, summary=summary)
-    write_report(done.report_file, classifier, findings, notes, saliency)
+    write_report(done.report_file, classifier, findings, notes, maps)
     return done
 
 

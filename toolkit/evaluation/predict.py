@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -20,16 +19,10 @@ from toolkit.evaluation.read_pixels import read_ahead
 from toolkit.models.network import Classifier
 from toolkit.models.predict import predict_stream, read_answer
 
-if TYPE_CHECKING:
-    import torch
-
-    AskCaptures = Callable[[torch.Tensor, Sequence[Capture]], torch.Tensor]
-    """(b, 3, h, w) float tensor and the captures in it, to (b, classes) logits."""
-
 
 def predict_captures(
     captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, batch_size: int | None = None,
-    look: Callable[[Capture, np.ndarray], None] | None = None, ask: "AskCaptures | None" = None,
+    look: Callable[[Capture, np.ndarray], None] | None = None,
 ) -> list[Prediction]:  # fmt: skip
     """Classify images, in the order of `captures`.
 
@@ -39,7 +32,6 @@ def predict_captures(
     Args:
         batch_size: images in a batch; by default as `predict_stream` finds it.
         look: called with each image and its (crop, crop, 3) uint8 pixels.
-        ask: asked for logits in place of the classifier, which knows no captures.
 
     Raises:
         ToolkitError: as `toolkit.models.predict.predict`.
@@ -59,8 +51,7 @@ def predict_captures(
             yield k, pixels
 
     with progress("classifying", len(captures)) as ticker, closing(pictures):
-        by_tag = None if ask is None else lambda batch, tags: ask(batch, [captures[k] for k in tags])
-        for k, logits in predict_stream(show(), classifier, batch_size, lambda k: captures[k].path, by_tag):
+        for k, logits in predict_stream(show(), classifier, batch_size, lambda k: captures[k].path):
             answer = read_answer(logits, trues[k])
             found[k] = replace(found[k], top1_label=labels[answer.top1_index], **answer._asdict())
             ticker.advance()

@@ -1,8 +1,8 @@
 """Grad-CAM maps for the flips in the report: where a network finds evidence for a class."""
 
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import TYPE_CHECKING
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image
 
-from toolkit.captures.capture import Capture
 from toolkit.core.console import progress
 from toolkit.evaluation.contact_sheet import encode_jpeg
 from toolkit.evaluation.metrics import FlipList
@@ -21,8 +20,6 @@ from toolkit.models.predict import ask_in_parts
 
 if TYPE_CHECKING:
     import torch
-
-    from toolkit.evaluation.predict import AskCaptures
 
 NO_MAP = "{arch} has no feature map: no module of it returns (b, c, h, w) or (b, h, w, c) with h, w > 1"
 TOKENS = "the last feature map of {arch} comes before its attention layers, where Grad-CAM means little"
@@ -77,104 +74,53 @@ def _channels_first(features: "torch.Tensor") -> "torch.Tensor":
     return features.permute(0, 3, 1, 2) if first == second != last else features
 
 
-class GradCam:
-    """A classifier's answers with Grad-CAM maps, within `with`.
-
-    The channels of the feature map are weighted by the mean gradient of the class's logit, summed and cut at zero
-    (Selvaraju et al. 2017, equations 1 and 2). No gradient runs through the layers before the feature map.
-    """
-
-    def __init__(self, classifier: Classifier, feature_map: "torch.nn.Module") -> None:
-        """Take the module from `find_feature_map`."""
-        self._classifier, self._feature_map = classifier, feature_map
-        self._seen = threading.local()  # parts of a batch run at the same time, each on its thread
-
-    def __enter__(self) -> "GradCam":
-        self._hook = self._feature_map.register_forward_hook(self._start_graph)
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._hook.remove()
-
-    def _start_graph(self, _: "torch.nn.Module", __: tuple, output: "torch.Tensor") -> "torch.Tensor":
-        import torch
-
-        torch.set_grad_enabled(True)  # until `explain` ends
-        self._seen.features = output.detach().requires_grad_()
-        return self._seen.features.clone()  # later layers may work in place, which a leaf does not allow
-
-    def explain(
-        self, batch: "torch.Tensor", classes: Sequence[int], with_grad: bool = True
-    ) -> "tuple[torch.Tensor, torch.Tensor]":
-        """Return (b, classes) logits, and maps (b, h, w) float32, at least 0, in the feature map's resolution.
-
-        Args:
-            batch: (b, 3, crop, crop) float tensor, sRGB-encoded in [0, 1].
-            classes: class index for each image.
-            with_grad: whether layers before the feature map run as in training; else as in `predict`, to the last bit.
-
-        Raises:
-            NoSaliency: the feature map was not reached, or does not lead to the output.
-        """
-        import torch
-
-        self._seen.features = gradient = None
-        with torch.inference_mode(False), torch.set_grad_enabled(with_grad):
-            logits = self._classifier.logits(batch)
-            # a logit depends on its image alone: the gradient of the sum holds all gradients
-            target = logits[torch.arange(len(batch)), torch.tensor(classes)].sum()
-            if target.requires_grad and self._seen.features is not None:
-                (gradient,) = torch.autograd.grad(target, self._seen.features, allow_unused=True)
-        if gradient is None:
-            raise NoSaliency(UNUSED.format(arch=self._classifier.arch))
-        with torch.no_grad():
-            # channels weighted by their mean gradient, then ReLU
-            weights = _channels_first(gradient).double().mean((2, 3), keepdim=True)
-            maps = (weights * _channels_first(self._seen.features).double()).sum(1).relu().float().cpu()
-        return logits.detach(), maps
-
-
 def compute_gradcam(
     classifier: Classifier, feature_map: "torch.nn.Module", batch: "torch.Tensor", classes: list[int]
 ) -> np.ndarray:
-    """Return maps (b, h, w) float32 of a batch, see `GradCam.explain`; raises as it and `ask_in_parts`."""
+    """Return Grad-CAM maps (b, h, w) float32, at least 0, in the feature map's resolution, without scaling.
+
+    The channels of the feature map are weighted by the mean gradient of the class's logit, summed and cut at zero
+    (Selvaraju et al. 2017, equations 1 and 2). No gradient runs through the layers before the feature map.
+
+    Args:
+        batch: (b, 3, crop, crop) float tensor, sRGB-encoded in [0, 1].
+        classes: class index for each image.
+
+    Raises:
+        NoSaliency: the feature map does not lead to the output.
+        ToolkitError: as `ask_in_parts`.
+    """
     import torch
 
-    with GradCam(classifier, feature_map) as cam:
+    seen = threading.local()  # parts of the batch run at the same time, each on its thread
 
-        def ask(chosen: list[int]) -> torch.Tensor:
-            return cam.explain(batch[chosen], [classes[k] for k in chosen])[1]
+    def start_graph(_: torch.nn.Module, __: tuple, output: torch.Tensor) -> torch.Tensor:
+        leaf = output.detach().requires_grad_()
+        seen.features = leaf
+        return leaf.clone()  # later layers may work in place, which a leaf does not allow
 
+    def ask(chosen: list[int]) -> torch.Tensor:
+        with torch.enable_grad():
+            logits = classifier.logits(batch[chosen])
+            # a logit depends on its image alone: the gradient of the sum holds all gradients
+            target = logits[torch.arange(len(chosen)), torch.tensor([classes[k] for k in chosen])].sum()
+            gradient = None
+            if target.requires_grad:
+                (gradient,) = torch.autograd.grad(target, seen.features, allow_unused=True)
+        if gradient is None:
+            raise NoSaliency(UNUSED.format(arch=classifier.arch))
+        with torch.no_grad():
+            # channels weighted by their mean gradient, then ReLU
+            weights = _channels_first(gradient).double().mean((2, 3), keepdim=True)
+            return (weights * _channels_first(seen.features).double()).sum(1).relu().float().cpu()
+
+    hook = feature_map.register_forward_hook(start_graph)
+    try:
         return torch.cat(ask_in_parts(ask, len(batch), classifier.device)).numpy()
+    finally:
+        hook.remove()
 
 
-class KeptMaps(dict[str, np.ndarray]):
-    """Maps of the true class by path, made as images are classified: to classify them again would cost more."""
-
-    @contextmanager
-    def keep(self, classifier: Classifier, classes: Mapping[str, int]) -> "Iterator[AskCaptures | None]":
-        """Give what `predict_captures` asks within; None if the network has no maps."""
-        try:
-            feature_map = find_feature_map(classifier)
-        except NoSaliency:
-            yield None
-            return
-
-        def ask(batch: "torch.Tensor", captures: Sequence[Capture]) -> "torch.Tensor":
-            try:
-                logits, maps = cam.explain(batch, [classes[one.object] for one in captures], with_grad=False)
-            except NoSaliency:
-                return classifier.logits(batch)
-            if len(self) < MOST_KEPT:
-                self.update({one.path: heat for one, heat in zip(captures, maps.numpy(), strict=True)})
-            return logits
-
-        with GradCam(classifier, feature_map) as cam:
-            yield ask
-
-
-MOST_KEPT = 20_000
-"""Images whose maps are kept, some kilobytes each at most. In a longer folder the flips are classified again."""
 MAX_UNASKED = 200
 """Largest number of flips for which maps are drawn by default."""
 GREY_SHARE, MAX_ALPHA = 0.8, 0.75
@@ -195,15 +141,8 @@ class Saliency:
     reason: str = ""
 
 
-def draw_saliency(
-    flips: Sequence[FlipList], classifier: Classifier, wanted: bool | None = None,
-    kept: Mapping[str, np.ndarray] | None = None,
-) -> Saliency:  # fmt: skip
-    """Draw Grad-CAM maps of the true class on both images of every flip; by default of at most 200 flips.
-
-    Args:
-        kept: maps by path that are known, see `KeptMaps`.
-    """
+def draw_saliency(flips: Sequence[FlipList], classifier: Classifier, wanted: bool | None = None) -> Saliency:
+    """Draw Grad-CAM maps of the true class on both images of every flip; by default of at most 200 flips."""
     shown = [pair for flip in flips for pair in flip.shown]
     n = sum(flip.n for flip in flips)
     if wanted is False or not shown:
@@ -213,7 +152,7 @@ def draw_saliency(
     # an image in several flips is classified once
     images = {image.capture.path: image for pair in shown for image in (pair.first, pair.second)}
     try:
-        seen = _compute_maps(list(images.values()), classifier, kept or {})
+        seen = _compute_maps(list(images.values()), classifier)
     except NoSaliency as why:
         return Saliency(reason=str(why))
     pictures = {}
@@ -246,23 +185,18 @@ def overlay_heat(pixels: np.ndarray, heat: np.ndarray, top: float) -> Image.Imag
     return Image.fromarray(np.round(base + alpha * (colour - base)).astype(np.uint8))
 
 
-def _compute_maps(
-    images: Sequence[Prediction], classifier: Classifier, kept: Mapping[str, np.ndarray]
-) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _compute_maps(images: Sequence[Prediction], classifier: Classifier) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return pixels and map of each image by its path, without images that do not decode any more."""
     import torch
 
-    is_known = all(image.capture.path in kept for image in images)
-    feature_map = None if is_known else find_feature_map(classifier)
+    feature_map = find_feature_map(classifier)
     classes = {image.capture.path: image.true_index for image in images}
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     pictures = read_ahead((image.capture for image in images), classifier.preprocessing)
     with progress("saliency", len(images)) as ticker, closing(pictures):
         while batch := list(islice(pictures, AHEAD)):
             read = [(capture.path, pixels) for capture, pixels in batch if not isinstance(pixels, str)]
-            if feature_map is None:
-                found |= {path: (pixels, kept[path]) for path, pixels in read}
-            elif read:
+            if read:
                 stacked = torch.from_numpy(np.stack([pixels for _, pixels in read]))
                 tensor = stacked.permute(0, 3, 1, 2).float().div_(255)
                 maps = compute_gradcam(classifier, feature_map, tensor, [classes[path] for path, _ in read])

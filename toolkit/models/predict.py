@@ -1,7 +1,6 @@
 """Predictions of a network: every answer depends on its own image alone, whatever else is in the batch."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
@@ -47,7 +46,6 @@ def predict(
     network: LogitNetwork,
     names: Sequence[str] = (),
     part: int = CPU_PART,
-    ask_logits: "Callable[[torch.Tensor, list[int]], torch.Tensor] | None" = None,
 ) -> "torch.Tensor":
     """Return a network's answers to images, without gradient.
 
@@ -58,7 +56,6 @@ def predict(
         network: a classifier.
         names: names of the images, for errors.
         part: images in a pass on a CPU.
-        ask_logits: asked in place of the network, with the numbers of the images too.
 
     Returns:
         (n, classes) float64 logits, on the CPU.
@@ -75,8 +72,7 @@ def predict(
             pixels = torch.from_numpy(np.stack([images[k] for k in chosen]))
             batch = pixels.to(network.device).permute(0, 3, 1, 2).float().div_(255)
         with torch.inference_mode():
-            logits = network.logits(batch) if ask_logits is None else ask_logits(batch, chosen)
-            logits = logits.double().cpu()
+            logits = network.logits(batch).double().cpu()
         check_finite(logits, network.arch, network.weights)
         return logits
 
@@ -128,7 +124,6 @@ def ask_in_parts(
 def predict_stream(
     images: Iterable[tuple[Tag, np.ndarray]], network: LogitNetwork, batch_size: int | None = None,
     name_of: Callable[[Tag], str] | None = None,
-    ask: "Callable[[torch.Tensor, list[Tag]], torch.Tensor] | None" = None,
 ) -> "Iterator[tuple[Tag, torch.Tensor]]":  # fmt: skip
     """Yield each image's tag and its (classes,) logits in order, see `predict`; at most a batch is held.
 
@@ -137,7 +132,6 @@ def predict_stream(
         network: a classifier.
         batch_size: images in a batch, rounded up to whole parts; by default as many as keep its device busy.
         name_of: the image's name by its tag, for errors.
-        ask: asked in place of the network, with the tags of the images too.
 
     Raises:
         ToolkitError: as `predict`.
@@ -151,16 +145,8 @@ def predict_stream(
     size = part * (-(-batch_size // part) if batch_size else parts)
     while batch := list(islice(rest, size)):
         names = [name_of(tag) for tag, _ in batch] if name_of else []
-        tags = [tag for tag, _ in batch]
-        by_number = None if ask is None else partial(_ask_by_tag, ask, tags)
-        answers = predict([image for _, image in batch], network, names, ask_logits=by_number)
-        yield from zip(tags, answers, strict=True)
-
-
-def _ask_by_tag(
-    ask: "Callable[[torch.Tensor, list[Tag]], torch.Tensor]", tags: list[Tag], batch: "torch.Tensor", chosen: list[int]
-) -> "torch.Tensor":
-    return ask(batch, [tags[k] for k in chosen])
+        answers = predict([image for _, image in batch], network, names)
+        yield from ((tag, answer) for (tag, _), answer in zip(batch, answers, strict=True))
 
 
 def rank_true(logits: "torch.Tensor", classes: "torch.Tensor") -> "torch.Tensor":
