@@ -212,7 +212,7 @@ class SurfaceTask(BoosterTask[Trained]):
             most = NEAR if known >= KNOWN else None
             self._allowed = {"max_change": most, "known_bare": known}
             says = "any change" if most is None else f"no channel changes by more than {most:g}"
-            notice(f"the bare object is known in {known:.0%} of the first views: {says}")
+            notice(f"the networks recognise the unmodified object in {known:.0%} of the first views: {says}")
         if most is not None:
             self._range = near - most, near + most
 
