@@ -228,6 +228,21 @@ def test_the_wraps_page_says_what_was_measured_of_trained_ones() -> None:
         assert int(wrap) - int(bare) == int(gained) - int(lost)
 
 
+def test_the_wraps_page_says_what_longer_training_changes() -> None:
+    from findings import JUDGES, Findings
+
+    of, page = Findings(TABLES), (DOCS / "results/wraps.md").read_text(encoding="utf-8")
+    longer = of.rows("transfer", set="wraps of 1000 steps", object="all")
+    assert len(longer) == 12
+    for row in longer:
+        same = {"set": "four-networks", "booster": "wrap", "network": row["network"], "air": row["air"]}
+        shipped = [of.row("transfer", **same, object=name) for name in ("racer", "warplane")]
+        assert sum(int(one["bare"]) for one in shipped) == int(row["bare"])
+        name = JUDGES[row["network"]] + " 0.75" * (row["network"] == UNSEEN) + " (unseen)" * (row["seen"] == "False")
+        counts = (row["bare"], sum(int(one["boosted"]) for one in shipped), row["boosted"])
+        assert f"| {name} | {row['air']} | {' | '.join(map(str, counts))} |" in page
+
+
 def test_the_wraps_page_says_what_its_own_networks_say_in_fog() -> None:
     page = (DOCS / "results/wraps.md").read_text(encoding="utf-8")
     for air in ("fog 3", "clear"):
