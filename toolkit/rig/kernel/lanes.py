@@ -1,4 +1,4 @@
-"""Processor instructions that Python has no word for: four numbers at a time, the bits of a number."""
+"""Four numbers at a time, by processor instructions that Python has no word for; logarithm and power."""
 
 import math
 from collections.abc import Callable
@@ -48,6 +48,8 @@ Sums = tuple[float, float, float, float]
 weighted_sum = cast(Callable[[np.ndarray, tuple[int, ...], tuple[float, ...]], Sums], intrinsic(_weighted_sum))
 """Four sums of weights times the numbers at places, and of those 1, 2 and 3 behind them; for kernels alone.
 
+By hand, as numba makes no vectors of plain sums: with these a frame takes 30 to 40 % longer.
+
 Args:
     values: contiguous float32 or uint16 of any shape. There must be three more numbers behind each place, even where
         their sum is not used.
@@ -67,35 +69,20 @@ def _prefetch(_: Any, values: types.Array, place: types.Integer) -> Any:
 
 
 prefetch = cast(Callable[[np.ndarray, int], None], intrinsic(_prefetch))
-"""Ask for the numbers at a place of a contiguous array, which are needed soon: it changes no result."""
+"""Ask for the numbers at a place of a contiguous array, which are needed soon: it changes no result.
 
-
-def _bits_of(_: Any, number: types.Float) -> Any:
-    def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: tuple[ir.Value, ...]) -> ir.Value:
-        return builder.bitcast(arguments[0], ir.IntType(64))
-
-    return types.int64(types.float64), generate
-
-
-def _number_of(_: Any, bits: types.Integer) -> Any:
-    def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: tuple[ir.Value, ...]) -> ir.Value:
-        return builder.bitcast(arguments[0], ir.DoubleType())
-
-    return types.float64(types.int64), generate
-
-
-bits_of = cast(Callable[[float], int], intrinsic(_bits_of))
-number_of = cast(Callable[[int], float], intrinsic(_number_of))
-"""A float64 and its 64 bits."""
+A frame takes 3 % less on 112,000 triangles, and 16 % less on 800,000.
+"""
 
 
 @inlined
 def log2(x: float) -> float:
     """Return log2 of a normal positive number, to 1e-7, without a call into the library."""
-    bits = bits_of(x) - 0x3FE6A09E667F3BCD  # of the root of 1/2: what is left of x lies around 1
-    # a double is 1 sign, 11 exponent and 52 fraction bits (IEEE 754): above bit 52 stands the exponent
-    exponent = bits >> 52
-    m = number_of(bits_of(x) - (exponent << 52))
+    bits = np.float64(x).view(np.int64)
+    # a double is 1 sign, 11 exponent and 52 fraction bits (IEEE 754): above bit 52 stands the exponent; the bits of the
+    # root of 1/2 are taken off, so that what is left of x lies around 1
+    exponent = (bits - 0x3FE6A09E667F3BCD) >> 52
+    m = np.int64(bits - (exponent << 52)).view(np.float64)
     # the series of 2 atanh(t) / ln 2, cut after four terms
     t = (m - 1) / (m + 1)
     s = t * t
@@ -110,4 +97,4 @@ def exp2(x: float) -> float:
     t = (x - whole) * 0.6931471805599453
     power = 1 + t * (1 + t * (1 / 2 + t * (1 / 6 + t * (1 / 24 + t * (1 / 120 + t * (1 / 720))))))
     # 1023 is the exponent's bias in IEEE 754 doubles
-    return number_of((int(whole) + 1023) << 52) * power
+    return np.int64((int(whole) + 1023) << 52).view(np.float64) * power
