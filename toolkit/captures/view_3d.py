@@ -21,6 +21,7 @@ from toolkit.objects.export_mesh import MM_PER_M, T_GLTF_WORLD, to_glb
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.objects.wrap import Wrap, find_wrap, wrap_folder
+from toolkit.rig.camera import as_quaternion
 from toolkit.rig.plan import open_plan
 from toolkit.rig.wrapped import fill_canvas
 
@@ -179,13 +180,6 @@ def _add_pieces(scene: "viser.SceneApi", item: TableObject, wrap: Wrap) -> None:
 def _add_mesh(scene: "viser.SceneApi", name: str, mesh: Mesh) -> None:
     # GLB has y up: turn it back into the world
     scene.add_glb(name, to_glb(mesh, name.rsplit("/", 1)[-1]), wxyz=as_quaternion(T_GLTF_WORLD.T))
-
-
-def as_quaternion(rotation: np.ndarray) -> np.ndarray:
-    """Return (4,) w x y z of a rotation matrix (3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.roll(Rotation.from_matrix(rotation).as_quat(), 1)
 
 
 def open_viewer(port: int | None = None) -> "viser.ViserServer":

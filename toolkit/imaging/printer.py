@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
 from pathlib import Path
 from typing import Literal
 
@@ -27,50 +26,27 @@ def nearest_printable(colours: np.ndarray) -> np.ndarray:
 
     Halftones mix solids, so printable colours fill the convex hull of `SOLIDS`.
     """
+    from trimesh.triangles import closest_point
+
     nearest = np.array(colours, float)
-    triangles, normals = _hull()
+    triangles, planes = _hull()
     # a point inside of the hull lies below all of its triangles
-    above = np.einsum("kfc,fc->kf", nearest[:, None] - triangles[None, :, 0], normals)
-    outside = np.flatnonzero(above.max(axis=1) > 0)
-    points, best = nearest[outside], np.full(len(outside), np.inf)
-    for triangle in triangles:
-        place = _nearest_on_triangle(points, triangle)
-        distance = np.linalg.norm(points - place, axis=1)
-        nearer = distance < best
-        nearest[outside[nearer]], best[nearer] = place[nearer], distance[nearer]
+    outside = np.flatnonzero((nearest @ planes[:, :3].T + planes[:, 3]).max(axis=1) > 0)
+    points, count = nearest[outside], len(triangles)
+    places = closest_point(np.repeat(triangles, len(points), axis=0), np.tile(points, (count, 1)))
+    places = places.reshape(count, -1, 3)
+    nearest[outside] = places[np.linalg.norm(points - places, axis=2).argmin(axis=0), np.arange(len(points))]
     return nearest
 
 
 @lru_cache(maxsize=1)
 def _hull() -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (f, 3, 3) of the hull of `SOLIDS`, and their outward normals (f, 3)."""
-    solids, triangles, normals = SOLIDS.reshape(8, 3), [], []
-    # eight points: every triangle is tried, those with all points on the same side are the hull's
-    for a, b, c in combinations(range(8), 3):
-        normal = np.cross(solids[b] - solids[a], solids[c] - solids[a])
-        side = (solids - solids[a]) @ normal
-        if side.max() < 1e-9 or side.min() > -1e-9:
-            triangles.append(solids[[a, b, c]])
-            normals.append(normal * (1 if side.max() < 1e-9 else -1) / np.linalg.norm(normal))
-    return np.array(triangles), np.array(normals)
+    """Triangles (f, 3, 3) of the hull of `SOLIDS`, and their planes (f, 4): outward normal, offset."""
+    from scipy.spatial import ConvexHull
 
-
-def _nearest_on_triangle(points: np.ndarray, triangle: np.ndarray) -> np.ndarray:
-    """(k, 3) places on a triangle nearest to (k, 3) points."""
-    edges = triangle[1:] - triangle[0]
-    # barycentric coordinates of the nearest place in the triangle's plane; outside, an edge is nearer
-    weights = np.linalg.lstsq(edges.T, (points - triangle[0]).T, rcond=None)[0].T
-    within = (weights >= 0).all(axis=1) & (weights.sum(axis=1) <= 1)
-    nearest = np.where(within[:, None], triangle[0] + weights @ edges, np.nan)
-    best = np.where(within, -1.0, np.inf)
-    for start, end in ((0, 1), (1, 2), (2, 0)):
-        edge = triangle[end] - triangle[start]
-        along = ((points - triangle[start]) @ edge / (edge @ edge)).clip(0, 1)
-        place = triangle[start] + along[:, None] * edge
-        distance = np.linalg.norm(points - place, axis=1)
-        nearer = distance < best
-        nearest[nearer], best[nearer] = place[nearer], distance[nearer]
-    return nearest
+    solids = SOLIDS.reshape(8, 3)
+    hull = ConvexHull(solids)
+    return solids[hull.simplices], hull.equations
 
 
 DULL = 0.05

@@ -126,6 +126,13 @@ class Camera:
         return found.reshape(-1, 2)
 
 
+def as_quaternion(rotation: np.ndarray) -> np.ndarray:
+    """Return (4,) w x y z of a rotation matrix (3, 3), w not negative."""
+    from scipy.spatial.transform import Rotation
+
+    return np.roll(Rotation.from_matrix(rotation).as_quat(canonical=True), 1)
+
+
 def orbit_direction(azimuth_deg: float, elevation_deg: float) -> np.ndarray:
     """(3,) unit vector from the object to the camera: azimuth 0 is +x, counter-clockwise from above."""
     azimuth, elevation = np.radians([azimuth_deg, elevation_deg])

@@ -8,8 +8,8 @@ from fake_airsim import FakeAirSim, matrix_of, serve
 from scipy.spatial.transform import Rotation
 
 from toolkit.core.errors import ToolkitError
-from toolkit.rig.camera import look_at
-from toolkit.rooms.worlds.airsim import Address, AirSim, camera_to_ned, object_to_ned, to_quaternion
+from toolkit.rig.camera import as_quaternion, look_at
+from toolkit.rooms.worlds.airsim import Address, AirSim, camera_to_ned, object_to_ned
 from toolkit.rooms.worlds.depth_weather import to_airsim
 
 NORTH = look_at(np.array([3.0, 5.0, 2.0]), np.array([3.0, 9.0, 2.0]))
@@ -34,7 +34,7 @@ def start(request):
 def test_a_camera_that_looks_north_is_not_turned() -> None:
     pose = camera_to_ned(NORTH, (100.0, 0.0, -1.0))
     assert pose == pytest.approx(np.array([(1, 0, 0, 105), (0, 1, 0, 3), (0, 0, 1, -3), (0, 0, 0, 1.0)]), abs=1e-12)
-    assert to_quaternion(pose[:3, :3]) == pytest.approx((1, 0, 0, 0))
+    assert as_quaternion(pose[:3, :3]) == pytest.approx((1, 0, 0, 0))
 
 
 @pytest.mark.parametrize("yaw_deg", [-170, -30, 0, 45, 135])
@@ -45,7 +45,7 @@ def test_yaw_is_from_north_to_east_and_pitch_up(yaw_deg: float, pitch_deg: float
     forward = np.array([np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), np.sin(pitch)])  # east, north, up
     pose = camera_to_ned(look_at(np.zeros(3), forward))
     assert pose[:3, :3] == pytest.approx(Rotation.from_euler("ZYX", [yaw, pitch, 0]).as_matrix(), abs=1e-9)
-    w, x, y, z = to_quaternion(pose[:3, :3])
+    w, x, y, z = as_quaternion(pose[:3, :3])
     packed = {"orientation": dict(w_val=w, x_val=x, y_val=y, z_val=z), "position": dict(x_val=0, y_val=0, z_val=0)}
     assert matrix_of(packed) == pytest.approx(pose, abs=1e-9)
 

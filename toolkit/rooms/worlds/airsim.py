@@ -22,6 +22,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.extras import import_package
 from toolkit.core.text import shorten
 from toolkit.imaging.read import MAX_SIDE_PX, UnreadableImage, decode_frame
+from toolkit.rig.camera import as_quaternion
 
 REQUEST, REPLY = 0, 1
 MOST_REPLY_BYTES = 256 << 20
@@ -191,14 +192,6 @@ def _words_of(error: object, levels: int = MOST_LEVELS) -> str:
     return str(error)
 
 
-def to_quaternion(rotation: np.ndarray) -> tuple[float, float, float, float]:
-    """(w, x, y, z) of a (3, 3) rotation, w not negative."""
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True).tolist()
-    return w, x, y, z
-
-
 def camera_to_ned(T_world_camera: np.ndarray, origin: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
     """(4, 4) `T_ned_body` of a camera, metres: its body looks along x."""
     return _to_ned(T_world_camera, BODY_CAMERA.T, origin)
@@ -219,7 +212,7 @@ def _to_ned(T_world_thing: np.ndarray, thing_body: np.ndarray, origin: tuple[flo
 
 def pack_pose(pose: np.ndarray) -> dict[str, dict[str, float]]:
     """A (4, 4) pose as calls take it."""
-    w, x, y, z = to_quaternion(pose[:3, :3])
+    w, x, y, z = as_quaternion(pose[:3, :3]).tolist()
     north, east, down = pose[:3, 3].tolist()
     return {
         "position": {"x_val": north, "y_val": east, "z_val": down},
