@@ -28,7 +28,7 @@ UNUSED = {
 }
 """Modules of Open3D that are not loaded, with names that others import from them.
 
-They load scikit-learn, pandas and Dash: two thirds of the import's time, and half of its memory.
+They load scikit-learn, pandas and Dash: 1.5 of the 1.9 s that the import takes, and half of its memory.
 """
 ORDINARY_FAN = 256
 """Most triangles at a vertex whose normals are compared in pairs; of more, cells of directions are compared."""
@@ -41,7 +41,9 @@ GRAIN_MM, GRAIN_UV = 0.01, 1e-4
 
 
 def group_rows(columns: Iterable[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Find equal rows of a table of integers, as `np.unique(axis=0)`, many times as fast.
+    """Find equal rows of a table of integers, as `np.unique(axis=0)` does.
+
+    Of 336,000 corners it takes 24 ms: `np.lexsort` 65, trimesh's `unique_rows` 43 and in no order, `np.unique` 245.
 
     Args:
         columns: (n,) integers each, the first column sorts first; a generator takes less memory.
