@@ -280,6 +280,7 @@ def _flat_part(vertices: np.ndarray, faces: np.ndarray, normal: np.ndarray, pain
 
 
 def _clip_ears(polygon: np.ndarray) -> np.ndarray:
+    # `toolkit.objects.polygons` cuts other ears of some outlines: the meshes' hashes would change
     def cross(o: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
         return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
 
