@@ -116,8 +116,9 @@ def test_the_readme_says_what_controls_do() -> None:
     def count(variant: str) -> str:
         return of.row("captures", run="resnet18", source="sim", object="all", variant=variant)["correct"]
 
-    said = f"Controls lower the {count('unpatched')}: grey paper {count('grey-patch')}, noise {count('random-patch')}, "
-    said += f"another class's patch {count('wrong-patch')}. The patch without its object: {count('patch-alone')}."
+    said = f"Other sheets lower the {count('unpatched')}: grey paper to {count('grey-patch')}, noise to "
+    said += f"{count('random-patch')}, another class's patch to {count('wrong-patch')}. The patch alone, without the "
+    said += f"object, reaches {count('patch-alone')}"
     assert said in readme
 
 
