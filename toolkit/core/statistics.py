@@ -5,12 +5,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import atanh, sqrt, tanh
-from typing import TYPE_CHECKING
 
 from toolkit.core.errors import ToolkitError
-
-if TYPE_CHECKING:
-    import numpy as np
+from toolkit.core.lazy import np
 
 Z_95 = 1.959963984540054
 SIGNIFICANT = 0.05
@@ -205,8 +202,6 @@ def resample_clusters(count: int) -> "np.ndarray":
     Trials of a cluster, such as images of a place, are drawn together (Field and Welsh 2007). With very few clusters
     the percentile intervals are too narrow: five clusters have 126 different samples.
     """
-    import numpy as np
-
     # counts, not samples: `scipy.stats.bootstrap` would recompute each statistic from drawn rows
     rng = np.random.default_rng([0, count])
     return rng.multinomial(count, np.full(count, 1 / count), BOOTSTRAP_DRAWS).astype(float)
@@ -214,8 +209,6 @@ def resample_clusters(count: int) -> "np.ndarray":
 
 def percentile_interval(values: "np.ndarray") -> Interval | None:
     """Return the 2.5 and 97.5 % quantiles of bootstrapped values without NaN; None if over half are NaN."""
-    import numpy as np
-
     known = values[~np.isnan(values)]
     if 2 * len(known) < len(values) or not len(known):
         return None
@@ -229,8 +222,6 @@ def sign_flip_p(differences: Sequence[float]) -> float:
 
     The smallest p of k clusters is 2 / 2^k. For more than 16 clusters 65,536 patterns of signs are drawn.
     """
-    import numpy as np
-
     found = np.asarray(differences, float)
     count = len(found)
     if count <= 16:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from toolkit.core.lazy import shapely
 from toolkit.objects.mesh import Mesh, connected_parts, cross_products, group_places, signed_areas
 
 THINNEST = 1e-3
@@ -159,8 +160,6 @@ def weighted_percentile(values: np.ndarray, weights: np.ndarray, share: float) -
 
 def find_overlaps(flat: np.ndarray, later: np.ndarray) -> np.ndarray:
     """(k,) bool: triangles (k, 3, 2) that overlap another; of each two, that which comes `later`."""
-    import shapely
-
     over = np.zeros(len(flat), bool)
     # drawn in by a hair, so that neighbours do not touch
     middle = flat.mean(axis=1, keepdims=True)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from toolkit.core.lazy import cv2
 from toolkit.objects.flatten import (
     FLAT_MM2,
     Region,
@@ -234,8 +235,6 @@ def turn(flat: np.ndarray, angle: float) -> np.ndarray:
 
 def _draw(flat: np.ndarray) -> np.ndarray:
     """(h, w) uint8 picture of flat triangles (k, 3, 2), `PIXEL_MM` a pixel, with a border of two."""
-    import cv2
-
     low = flat.reshape(-1, 2).min(axis=0)
     places = (flat - low) / PIXEL_MM + 2
     wide, high = np.ceil(places.reshape(-1, 2).max(axis=0)).astype(int) + 3
@@ -247,8 +246,6 @@ def _draw(flat: np.ndarray) -> np.ndarray:
 
 def _on_necks(flat: np.ndarray) -> np.ndarray:
     """(k,) bool: faces of which half lies where the piece is narrower than `NECK_MM`."""
-    import cv2
-
     picture = _draw(flat)
     side = round(NECK_MM / PIXEL_MM)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
@@ -262,6 +259,4 @@ def _on_necks(flat: np.ndarray) -> np.ndarray:
 
 def is_wide(flat: np.ndarray) -> bool:
     """Whether a circle of `NARROWEST_MM` fits into the piece."""
-    import cv2
-
     return float(cv2.distanceTransform(_draw(flat), cv2.DIST_L2, 5).max()) * PIXEL_MM >= NARROWEST_MM / 2 - PIXEL_MM

@@ -18,6 +18,7 @@ from pydantic import (
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
+from toolkit.core.lazy import shapely
 from toolkit.core.text import FileName, Label
 from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.objects.atlas import split_vertices
@@ -84,8 +85,6 @@ class FlatPiece:
 
     @cached_property
     def _outline(self) -> "Polygon":
-        import shapely
-
         # rounded to a millionth of a millimetre: the same corners have the same bits
         triangles = shapely.polygons(np.round(self.flat_mm[flat_areas(self.flat_mm) > 0], 6))
         whole = shapely.coverage_union_all(triangles)

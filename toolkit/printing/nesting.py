@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from toolkit.core.lazy import shapely
 from toolkit.printing.page import Rect
 
 if TYPE_CHECKING:
@@ -75,8 +76,6 @@ def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
 
 def _draw_turns(shape: "Polygon") -> Iterator[_Mask]:
     """Turn the shape by each quarter."""
-    import shapely
-
     # fattened, so that every cell that the shape touches counts as taken
     fat = shape.buffer(TOUCHED_MM, quad_segs=4)
     low_x, low_y, _, _ = shape.bounds

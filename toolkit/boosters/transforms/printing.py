@@ -8,12 +8,10 @@ from pydantic import Field, model_serializer
 from toolkit.boosters.transforms import ImageTransform, PaperTransform, Probability, as_factors
 from toolkit.core.config import Config, Range, Rising
 from toolkit.core.files import sha256_bytes
+from toolkit.core.lazy import np, torch
 from toolkit.objects.spec import printed_size_mm
 
 if TYPE_CHECKING:
-    import numpy as np
-    import torch
-
     from toolkit.imaging.printer import PrintProfile
 
 
@@ -77,8 +75,6 @@ def spread_ink(pixels: "torch.Tensor", sigma_texels: "np.ndarray") -> "torch.Ten
     A texel's mean after blurring weighs its neighbours by the overlap of two boxes and a Gaussian between: the second
     difference of x Φ(x) + φ(x).
     """
-    import numpy as np
-    import torch
     from scipy.special import ndtr
     from torch.nn.functional import conv2d, pad
 
@@ -106,8 +102,6 @@ def gain_dots(pixels: "torch.Tensor", gain: "np.ndarray") -> "torch.Tensor":
 
 def mix_solids(pixels: "torch.Tensor") -> "torch.Tensor":
     """Look (b, 3, h, w) in [0, 1] up in the cube of printed solids."""
-    import torch
-
     from toolkit.imaging.printer import SOLIDS
 
     # dots that lie at random overlap by the product of their coverages: the share of each of the eight solids
@@ -121,8 +115,6 @@ def finish_inks(
     printed: "torch.Tensor", chroma: "np.ndarray", density: "np.ndarray", white: "np.ndarray"
 ) -> "torch.Tensor":
     """Dull, thin and yellow a print: shares of its distance from grey, of its distance from paper, and its paper."""
-    import torch
-
     from toolkit.imaging.printer import PAPER
 
     weights = torch.as_tensor(LUMA, dtype=printed.dtype, device=printed.device).view(1, 3, 1, 1)
@@ -172,8 +164,6 @@ class ProfiledPrint(ImageTransform):
 
     def colour(self, pixels: "torch.Tensor") -> "torch.Tensor":
         """The profile's colours of (b, 3, h, w), sRGB-encoded in [0, 1], in neutral light; differentiable."""
-        import torch
-
         powers = [torch.ones_like(pixels), pixels.clamp(0, 1) ** self.power]
         for _ in range(2, 1 + max(max(term) for term in self.exponents)):
             powers.append(powers[-1] * powers[1])
@@ -201,8 +191,6 @@ def use_profile(profile: "PrintProfile") -> ProfiledPrint:
 
 def encode(linear: "torch.Tensor") -> "torch.Tensor":
     """`toolkit.imaging.colour.linear_to_srgb`, differentiable."""
-    import torch
-
     linear = linear.clamp(0, 1)
     return torch.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
 
@@ -224,9 +212,6 @@ class LightRanges(PaperTransform):
 
     def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
         """One light for each image."""
-        import numpy as np
-        import torch
-
         count = len(paper)
         gain = rng.uniform(*self.exposure, (count, 1)) * rng.uniform(1 - self.tint, 1 + self.tint, (count, 3))
         contrast = rng.uniform(*self.contrast, (count, 1))
@@ -262,8 +247,6 @@ class TapeGlare(PaperTransform):
 
     def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
         """Lay shine and strips over drawn patches."""
-        import numpy as np
-
         count = len(paper)
         # all is drawn for every image, shine or none, so that each number keeps its place in the stream
         shines, hides = self.draw_acting(rng, count), rng.random(count) < self.strip_probability
@@ -291,9 +274,6 @@ def _measure(
 
     All are shares of the patch's side, here the root of its area; its own middle is (0, 0).
     """
-    import numpy as np
-    import torch
-
     m = mask.shape[-1]
     places = torch.arange(m, dtype=mask.dtype, device=mask.device) + 0.5
     x, y = places.view(1, 1, 1, m), places.view(1, 1, m, 1)
