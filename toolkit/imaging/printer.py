@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from toolkit.core.config import FileRecord
 from toolkit.core.files import read_json, write_json
 from toolkit.imaging.colour import srgb_to_linear
 
@@ -97,10 +98,9 @@ Triple = tuple[float, float, float]
 HIGHEST_DEGREE = 3
 
 
-class ColourError(BaseModel):
+class ColourError(FileRecord, allow_inf_nan=False):
     """CIEDE2000 differences: their median and their 95th percentile."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     median: float = Field(ge=0)
     p95: float = Field(ge=0)
 
@@ -108,16 +108,15 @@ class ColourError(BaseModel):
         return f"ΔE00 {self.median:.1f} (95 % below {self.p95:.1f})"
 
 
-class ProfileMade(BaseModel):
+class ProfileMade(FileRecord):
     """When, with what and by whom a profile was made."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     on: str
     with_version: str
     by: str | None = None
 
 
-class PrintProfile(BaseModel):
+class PrintProfile(FileRecord, allow_inf_nan=False):
     """`print/profiles/NAME.json`.
 
     Attributes:
@@ -136,7 +135,6 @@ class PrintProfile(BaseModel):
         made: time, program and author.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     schema_version: Literal[1] = 1
     name: str = Field(min_length=1)
     patch: str

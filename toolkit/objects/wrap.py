@@ -4,18 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
-    model_validator,
-)
+from pydantic import Field, model_validator
 
+from toolkit.core.config import FileRecord, Later
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.lazy import shapely
@@ -95,7 +89,7 @@ class FlatPiece:
         return whole
 
 
-class SeamRecord(BaseModel):
+class SeamRecord(FileRecord):
     """A part of a piece's edge that meets another piece, or the piece itself.
 
     Attributes:
@@ -105,7 +99,6 @@ class SeamRecord(BaseModel):
         middle_mm: point of the edge halfway between.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     piece: int = Field(ge=1, le=MOST_PIECES)
     letter: str = Field(max_length=3)
     from_mm: Point
@@ -113,7 +106,7 @@ class SeamRecord(BaseModel):
     middle_mm: Point
 
 
-class TabRecord(BaseModel):
+class TabRecord(FileRecord):
     """A glue tab of a net.
 
     Attributes:
@@ -122,13 +115,12 @@ class TabRecord(BaseModel):
         outline_mm: four points; it is folded back at the edge between the first two.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     piece: int = Field(ge=1, le=MOST_PIECES)
     letter: str = Field(max_length=3)
     outline_mm: list[Point] = Field(min_length=4, max_length=4)
 
 
-class PieceRecord(BaseModel):
+class PieceRecord(FileRecord):
     """A piece on the canvas.
 
     Attributes:
@@ -144,7 +136,6 @@ class PieceRecord(BaseModel):
         png_sha256: hash of its picture.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     number: int = Field(ge=1, le=MOST_PIECES)
     map_index: int | None = Field(None, ge=0, lt=MOST_PIECES)
     origin_px: tuple[int, int]
@@ -153,10 +144,10 @@ class PieceRecord(BaseModel):
     area_mm2: float = Field(gt=0)
     stretch: float = Field(ge=0)
     outline_mm: list[list[Point]] = Field(min_length=1)
-    seams: list[SeamRecord] = []
-    folds_mm: list[tuple[Point, Point]] = []
-    valleys_mm: list[tuple[Point, Point]] = []
-    tabs: list[TabRecord] = []
+    seams: list[SeamRecord] = Field([])
+    folds_mm: list[tuple[Point, Point]] = Field([])
+    valleys_mm: list[tuple[Point, Point]] = Field([])
+    tabs: list[TabRecord] = Field([])
     png_sha256: str = Field(pattern=SHA256)
 
     @property
@@ -165,7 +156,7 @@ class PieceRecord(BaseModel):
         return self.number - 1 if self.map_index is None else self.map_index
 
 
-class RankedPiece(BaseModel):
+class RankedPiece(FileRecord):
     """A piece of the plan, in the order of their gain.
 
     Attributes:
@@ -174,16 +165,14 @@ class RankedPiece(BaseModel):
         mean_log_prob: mean log-probability of the class in those views.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     number: int = Field(ge=1, le=MOST_PIECES)
     recognised: float = Field(ge=0, le=1)
     mean_log_prob: float
 
 
-class WrapTraining(BaseModel):
+class WrapTraining(FileRecord):
     """Training of the pieces' picture: as `BoosterRecord`, the misfit that was drawn, and the pieces' ranks."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     class_index: int = Field(ge=0)
     networks: list[NetworkRecord]
     data: dict[str, Any]
@@ -191,11 +180,11 @@ class WrapTraining(BaseModel):
     settings: dict[str, Any]
     final: dict[str, float]
     misfit: dict[str, Any]
-    ranking: list[RankedPiece] = []
+    ranking: list[RankedPiece] = Field([])
     toolkit_version: str
 
 
-class PictureRecord(BaseModel):
+class PictureRecord(FileRecord):
     """A picture that existed before the wrap.
 
     Attributes:
@@ -204,13 +193,12 @@ class PictureRecord(BaseModel):
         pattern_mm: length of its longer side if it repeats; None if it is in the object's texture coordinates.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     name: Label
     sha256: str = Field(pattern=SHA256)
     pattern_mm: float | None = None
 
 
-class WrapRecord(BaseModel):
+class WrapRecord(FileRecord):
     """A wrap's plan, and how it was trained.
 
     Attributes:
@@ -230,7 +218,6 @@ class WrapRecord(BaseModel):
         picture: a picture that existed before; not written without any.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     schema_version: Literal[1] = 1
     name: FileName
     object: FileName
@@ -246,11 +233,7 @@ class WrapRecord(BaseModel):
     plan: list[PieceRecord] = Field([], max_length=MOST_PIECES)
     map_sha256: str = Field(pattern=SHA256)
     booster: WrapTraining | None = None
-    picture: PictureRecord | None = None
-
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {name: value for name, value in dump(self).items() if name != "picture" or value is not None}
+    picture: Annotated[PictureRecord | None, Later()] = None
 
     @property
     def what_is_on_it(self) -> str | None:
