@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from toolkit.core.lazy import torch
+from toolkit.core.lazy import F, torch
 from toolkit.rig.shading import SHOULDER, LinearView
 
 SMALLEST = 4
@@ -64,17 +64,15 @@ def look_up(levels: list["torch.Tensor"], uv: "torch.Tensor", lod: "torch.Tensor
 
 
 def _look_up_level(level: "torch.Tensor", uv: "torch.Tensor") -> "torch.Tensor":
-    from torch.nn.functional import grid_sample, pad
-
     side = level.shape[-1]
     # a ring of texels from the other side, as grid_sample cannot repeat a texture
-    wrapped = pad(level[None], (1, 1, 1, 1), mode="circular")
+    wrapped = F.pad(level[None], (1, 1, 1, 1), mode="circular")
     u, v = uv[:, 0] - uv[:, 0].floor(), uv[:, 1] - uv[:, 1].floor()
     inner = side / (side + 2)  # the ring of repeated texels makes the picture a little larger
     grid = uv.new_empty((1, 1, len(uv), 2))
     # v counts up, rows count down
     grid[0, 0, :, 0], grid[0, 0, :, 1] = (u * 2 - 1) * inner, (1 - v * 2) * inner
-    return grid_sample(wrapped, grid, mode="bilinear", align_corners=False)[0, :, 0].T
+    return F.grid_sample(wrapped, grid, mode="bilinear", align_corners=False)[0, :, 0].T
 
 
 def srgb_to_linear(encoded: "torch.Tensor") -> "torch.Tensor":
@@ -266,8 +264,6 @@ def _show_repainted(texture: "torch.Tensor", batch: ViewBatch, light: "torch.Ten
 
 def show_linear(linear: "torch.Tensor", batch: ViewBatch, light: "torch.Tensor | float" = 1.0) -> "torch.Tensor":
     """`show_texture` of linear colours, differentiable as it is."""
-    from torch.nn.functional import pad
-
     count, height, width, _ = batch.still.shape
     factor = torch.as_tensor(light, dtype=linear.dtype, device=linear.device).expand(count, 3, 1, 1).flatten(1)
     photos = torch.stack([tone_map(still * scale) for still, scale in zip(batch.still, factor, strict=True)]).view(
@@ -277,7 +273,7 @@ def show_linear(linear: "torch.Tensor", batch: ViewBatch, light: "torch.Tensor |
     slot, shown = _find_shown(batch)
     colour = look_up(build_levels(linear), batch.uv, batch.lod) * batch.gain
     lit = batch.still.view(-1, 3)[shown].index_add(0, slot, colour) * factor[shown // (height * width)]
-    whole = pad(lit, (0, 0, 0, -len(lit) % 256))  # an array's last odd values would be rounded otherwise
+    whole = F.pad(lit, (0, 0, 0, -len(lit) % 256))  # an array's last odd values would be rounded otherwise
     return photos.index_put((shown,), tone_map(whole)[: len(lit)]).view(count, height, width, 3).permute(0, 3, 1, 2)
 
 

@@ -18,7 +18,10 @@ class _Lazy(ModuleType):
 if TYPE_CHECKING:
     import cv2 as cv2
     import numpy as np
+    import scipy as scipy
     import shapely as shapely
     import torch as torch
+    import torch.nn.functional as F
 else:
-    cv2, np, shapely, torch = map(_Lazy, ("cv2", "numpy", "shapely", "torch"))
+    cv2, np, scipy, shapely, torch = map(_Lazy, ("cv2", "numpy", "scipy", "shapely", "torch"))
+    F = _Lazy("torch.nn.functional")

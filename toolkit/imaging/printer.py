@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from toolkit.core.config import FileRecord
 from toolkit.core.files import read_json, write_json
+from toolkit.core.lazy import scipy
 from toolkit.imaging.colour import srgb_to_linear
 
 SOLIDS = np.array(
@@ -43,10 +44,8 @@ def nearest_printable(colours: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=1)
 def _hull() -> tuple[np.ndarray, np.ndarray]:
     """Triangles (f, 3, 3) of the hull of `SOLIDS`, and their planes (f, 4): outward normal, offset."""
-    from scipy.spatial import ConvexHull
-
     solids = SOLIDS.reshape(8, 3)
-    hull = ConvexHull(solids)
+    hull = scipy.spatial.ConvexHull(solids)
     return solids[hull.simplices], hull.equations
 
 

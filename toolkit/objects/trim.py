@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.core.lazy import cv2
+from toolkit.core.lazy import cv2, scipy
 from toolkit.objects.flatten import (
     FLAT_MM2,
     Region,
@@ -214,10 +214,8 @@ def make_piece(surface: Surface, region: Region, sheet_mm: tuple[float, float]) 
 
 def turn_to_fit(flat: np.ndarray, sheet_mm: tuple[float, float]) -> tuple[np.ndarray, bool]:
     """Turn a piece (k, 3, 2) so that its box is smallest, and return whether it fits on the sheet, either way round."""
-    from scipy.spatial import ConvexHull
-
     hull = flat.reshape(-1, 2)
-    hull = hull[ConvexHull(hull).vertices]
+    hull = hull[scipy.spatial.ConvexHull(hull).vertices]
     sides = np.roll(hull, -1, axis=0) - hull
     # the smallest box has a side along a side of the hull (Freeman and Shapira 1975)
     angles = np.arctan2(sides[:, 1], sides[:, 0])

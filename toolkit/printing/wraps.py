@@ -9,7 +9,7 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.core.files import write_bytes
-from toolkit.core.lazy import shapely
+from toolkit.core.lazy import scipy, shapely
 from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
@@ -541,8 +541,6 @@ def _picture_to_bleed(wrap: Wrap, index: int) -> tuple[np.ndarray, int]:
 
     Glue tabs and the bleed round them go on with the colour at the edge: a tab that shows in a gap is not white.
     """
-    from scipy.ndimage import distance_transform_edt
-
     record, texel_mm, edge_px = wrap.record.pieces[index], wrap.record.texel_mm, wrap.record.bleed_px
     picture = wrap.picture(index)
     if not record.tabs:
@@ -555,7 +553,7 @@ def _picture_to_bleed(wrap: Wrap, index: int) -> tuple[np.ndarray, int]:
     outline = wrap.pieces[index].outline()
     off = ~shapely.contains_xy(outline, (x - edge_px) * texel_mm, (y - edge_px) * texel_mm)
     # nearest texel of the piece for each pixel outside of it: the colour at the edge goes on
-    row, column = distance_transform_edt(off, return_distances=False, return_indices=True)
+    row, column = scipy.ndimage.distance_transform_edt(off, return_distances=False, return_indices=True)
     return picture[row, column], edge_px
 
 

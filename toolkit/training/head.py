@@ -9,6 +9,7 @@ from torch.nn.functional import cross_entropy, linear, normalize
 
 from toolkit.core.console import progress
 from toolkit.core.files import delete_folder, sha256_json, write_bytes
+from toolkit.core.lazy import scipy
 from toolkit.core.records import hold_folder
 from toolkit.core.text import join_words
 from toolkit.core.work import INPUTS
@@ -131,12 +132,10 @@ def fit_linear(features: torch.Tensor, truth: torch.Tensor, l2: float) -> Head:
 
 def fit_means(features: torch.Tensor, truth: torch.Tensor) -> Head:
     """Cosine to each class's mean, of features (n, d) of classes (n,); a scale that fits them best makes it logits."""
-    from scipy.optimize import minimize_scalar
-
     values = normalize(features.double(), eps=LEAST_LENGTH)
     means = normalize(torch.stack([values[truth == k].mean(0) for k in range(int(truth.max()) + 1)]), eps=LEAST_LENGTH)
     cosines = values @ means.T
-    best = minimize_scalar(
+    best = scipy.optimize.minimize_scalar(
         lambda scale: float(cross_entropy(scale * cosines, truth)), bounds=(1, MOST_SCALE), method="bounded"
     )
     return Head(best.x * means, torch.zeros(len(means)), normalise=True)

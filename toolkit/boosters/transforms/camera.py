@@ -8,7 +8,7 @@ from pydantic import Field
 
 from toolkit.boosters.transforms import ImageTransform, Probability, Transform, as_factors
 from toolkit.core.config import Range, Rising
-from toolkit.core.lazy import np, torch
+from toolkit.core.lazy import F, np, scipy, torch
 
 
 class Exposure(Transform):
@@ -71,8 +71,6 @@ def make_kernels(sigma_px: "np.ndarray", length_px: "np.ndarray", angle: "np.nda
         length_px: (k,) of the line; 0 leaves the Gaussian alone.
         angle: (k,) of the line, radians from x (right) towards y (down).
     """
-    from scipy.special import ndtr
-
     # three standard deviations beyond either end of the line; the same size for the batch, as kernels are stacked
     reach = int(np.ceil((3 * sigma_px + length_px / 2).max()))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1][:, None].astype(float)
@@ -80,7 +78,7 @@ def make_kernels(sigma_px: "np.ndarray", length_px: "np.ndarray", angle: "np.nda
     cosine, sine = np.cos(angle)[:, None, None], np.sin(angle)[:, None, None]
     along, across = x * cosine + y * sine, y * cosine - x * sine
     # along its own direction the line smears the Gaussian into a difference of two of its integrals
-    line = ndtr((along + half) / sigma) - ndtr((along - half) / sigma)
+    line = scipy.special.ndtr((along + half) / sigma) - scipy.special.ndtr((along - half) / sigma)
     # for a line without length that difference is 0 everywhere, and the Gaussian itself takes its place
     kernels = np.exp(-((across / sigma) ** 2) / 2) * np.where(half < 1e-3, np.exp(-((along / sigma) ** 2) / 2), line)
     return kernels / kernels.sum(axis=(1, 2), keepdims=True)
@@ -88,15 +86,15 @@ def make_kernels(sigma_px: "np.ndarray", length_px: "np.ndarray", angle: "np.nda
 
 def blur(pixels: "torch.Tensor", kernels: "np.ndarray") -> "torch.Tensor":
     """Convolve each of (b, 3, h, w) with its own kernel of (b, s, s); the edges repeat."""
-    from torch.nn.functional import conv2d, pad
-
     b, c, h, w = pixels.shape
     reach = kernels.shape[-1] // 2
     # conv2d correlates: the kernels are turned, so that it convolves
     weight = torch.as_tensor(kernels[:, ::-1, ::-1].copy(), dtype=pixels.dtype, device=pixels.device)
     weight = weight[:, None].repeat_interleave(c, 0)
-    padded = pad(pixels, (reach, reach, reach, reach), mode="replicate").reshape(1, b * c, h + 2 * reach, w + 2 * reach)
-    return conv2d(padded, weight, groups=b * c).reshape(b, c, h, w)
+    padded = F.pad(pixels, (reach, reach, reach, reach), mode="replicate").reshape(
+        1, b * c, h + 2 * reach, w + 2 * reach
+    )
+    return F.conv2d(padded, weight, groups=b * c).reshape(b, c, h, w)
 
 
 DARKEST = 0.1
@@ -199,11 +197,9 @@ def compress(
     rounding: Callable[["torch.Tensor"], "torch.Tensor"] = round_straight,
 ) -> "torch.Tensor":
     """Return (b, 3, h, w) sRGB-encoded pixels in [0, 1] after JPEG compression of the qualities (b,)."""
-    from torch.nn.functional import avg_pool2d, interpolate, pad
-
     h, w = pixels.shape[-2:]
     # chroma is halved before it is cut into blocks of 8: both sides have to be multiples of 16
-    full = pad(pixels, (0, -w % 16, 0, -h % 16), mode="replicate")
+    full = F.pad(pixels, (0, -w % 16, 0, -h % 16), mode="replicate")
     ycc_from_rgb = np.array(YCC_FROM_RGB)
     to_ycc, from_ycc = (
         torch.as_tensor(matrix, dtype=pixels.dtype, device=pixels.device)
@@ -211,8 +207,8 @@ def compress(
     )
     ycc = (to_ycc @ full.flatten(2)).view(full.shape)
     luma = _code_blocks(ycc[:, :1], quantise_tables(LUMA, quality), MIDDLE, rounding)
-    chroma = _code_blocks(avg_pool2d(ycc[:, 1:], 2), quantise_tables(CHROMA, quality), 0, rounding)
-    chroma = interpolate(chroma, scale_factor=2, mode="bilinear", align_corners=False)  # libjpeg's "fancy upsampling"
+    chroma = _code_blocks(F.avg_pool2d(ycc[:, 1:], 2), quantise_tables(CHROMA, quality), 0, rounding)
+    chroma = F.interpolate(chroma, scale_factor=2, mode="bilinear", align_corners=False)  # libjpeg's "fancy upsampling"
     decoded = from_ycc @ (torch.cat([luma, chroma], 1).flatten(2))
     return decoded.view(full.shape)[..., :h, :w].clamp(0, 1)
 
@@ -279,12 +275,10 @@ class Jitter(ImageTransform):
 
 def _zoom(photos: "torch.Tensor", scale: "np.ndarray", shift: "np.ndarray") -> "torch.Tensor":
     """(k, 3, h, w) about the middle by (k,) `scale`, then right and down by (k, 2) `shift` shares of the side."""
-    from torch.nn.functional import affine_grid, grid_sample
-
     T_from_to = np.zeros((len(photos), 2, 3))
     # affine_grid asks where each pixel comes from: the inverse of scale and shift, in units of half a side
     T_from_to[:, 0, 0] = T_from_to[:, 1, 1] = 1 / scale
     T_from_to[:, :, 2] = -2 * shift / scale[:, None]
     matrices = torch.as_tensor(T_from_to, dtype=photos.dtype, device=photos.device)
-    grid = affine_grid(matrices, list(photos.shape), align_corners=False)
-    return grid_sample(photos, grid, mode="bilinear", padding_mode="border", align_corners=False)
+    grid = F.affine_grid(matrices, list(photos.shape), align_corners=False)
+    return F.grid_sample(photos, grid, mode="bilinear", padding_mode="border", align_corners=False)

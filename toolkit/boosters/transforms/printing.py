@@ -8,7 +8,7 @@ from pydantic import Field, model_serializer
 from toolkit.boosters.transforms import ImageTransform, PaperTransform, Probability, as_factors
 from toolkit.core.config import Config, Range, Rising
 from toolkit.core.files import sha256_bytes
-from toolkit.core.lazy import np, torch
+from toolkit.core.lazy import F, np, scipy, torch
 from toolkit.objects.spec import printed_size_mm
 
 if TYPE_CHECKING:
@@ -75,22 +75,19 @@ def spread_ink(pixels: "torch.Tensor", sigma_texels: "np.ndarray") -> "torch.Ten
     A texel's mean after blurring weighs its neighbours by the overlap of two boxes and a Gaussian between: the second
     difference of x Φ(x) + φ(x).
     """
-    from scipy.special import ndtr
-    from torch.nn.functional import conv2d, pad
-
     b, c, h, w = pixels.shape
     # three standard deviations hold 99.7 % of a Gaussian; another texel for the box that it blurs
     reach = int(np.ceil(3 * sigma_texels.max())) + 1
     x = np.arange(-reach - 1, reach + 2) / sigma_texels[:, None]
     # the Gaussian integrated twice, in texels: once for the blurred texel's box, once for its neighbour's
-    integral = sigma_texels[:, None] * (x * ndtr(x) + np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi))
+    integral = sigma_texels[:, None] * (x * scipy.special.ndtr(x) + np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi))
     kernels = np.diff(integral, 2, axis=1)
     weight = torch.as_tensor(kernels / kernels.sum(axis=1, keepdims=True), dtype=pixels.dtype, device=pixels.device)
     weight = weight.repeat_interleave(c, 0)[:, None]
     # a Gaussian is separable: rows and then columns; groups give each print its own width
     flat = pixels.reshape(1, b * c, h, w)
-    flat = conv2d(pad(flat, (reach, reach, 0, 0), mode="replicate"), weight[:, :, None], groups=b * c)
-    flat = conv2d(pad(flat, (0, 0, reach, reach), mode="replicate"), weight[..., None], groups=b * c)
+    flat = F.conv2d(F.pad(flat, (reach, reach, 0, 0), mode="replicate"), weight[:, :, None], groups=b * c)
+    flat = F.conv2d(F.pad(flat, (0, 0, reach, reach), mode="replicate"), weight[..., None], groups=b * c)
     return flat.reshape(pixels.shape)
 
 

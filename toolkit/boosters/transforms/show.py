@@ -6,7 +6,7 @@ from typing import Any
 
 from toolkit.boosters.transforms import ImageTransform, PaperTransform, Placer
 from toolkit.core.draws import Draws
-from toolkit.core.lazy import np, torch
+from toolkit.core.lazy import F, np, scipy, torch
 
 RIM_PX = 2
 """Around the patch's corners: what its filtered edge may reach."""
@@ -91,8 +91,6 @@ class WarpPlan:
 
 def plan_warp(T_image_patch: "np.ndarray", patch_px: int, scales: tuple[float, float] | None = None) -> WarpPlan:
     """Sizes for `warp_patch`; `T_image_patch` is (b, 3, 3), affine or projective."""
-    from scipy.fft import next_fast_len
-
     jacobian = _jacobian(T_image_patch, patch_px)
     largest = np.linalg.norm(jacobian, 2, axis=(1, 2)).max() if scales is None else scales[1]
     # less a little, so that float noise above a whole number does not repeat once more
@@ -101,7 +99,7 @@ def plan_warp(T_image_patch: "np.ndarray", patch_px: int, scales: tuple[float, f
     footprints = np.linalg.inv(jacobian) * repeat
     reach = np.abs(footprints).sum(axis=2).max() if scales is None else np.sqrt(2) * repeat / scales[0]
     margin = int(np.ceil(reach)) + 2
-    side = next_fast_len(-(-(patch_px * repeat + 2 * margin) // 16) * 16, real=True)
+    side = scipy.fft.next_fast_len(-(-(patch_px * repeat + 2 * margin) // 16) * 16, real=True)
     return WarpPlan(repeat, side, (side - patch_px * repeat) // 2, footprints)
 
 
@@ -133,21 +131,19 @@ def warp_patch(
     Returns:
         The patch times its mask, (b, 3, m, m), and the mask, (b, 1, m, m): the share of each pixel that it covers.
     """
-    from torch.nn.functional import grid_sample, pad
-
     plan = plan_warp(T_image_patch, patch.shape[-1], scales)
     opaque = torch.ones_like(patch[..., :1, :, :])
     texels = torch.cat([patch, opaque] if mask is None else [patch * mask, opaque * mask], dim=-3)
     if plan.repeat > 1:
         texels = texels.repeat_interleave(plan.repeat, -1).repeat_interleave(plan.repeat, -2)
     end = plan.side - plan.start - texels.shape[-1]
-    padded = pad(texels, (plan.start, end, plan.start, end))
+    padded = F.pad(texels, (plan.start, end, plan.start, end))
     window = torch.as_tensor(_filter_windows(plan), dtype=patch.dtype, device=patch.device)
     spectrum = torch.fft.rfft2(padded) * window[:, None]
     filtered = torch.fft.irfft2(spectrum, s=(plan.side, plan.side))
     grid = _sampling_grid(T_image_patch, plan, image_px, patch)
     # zeros outside: the patch has no neighbours, so that its rim fades by the share that is covered
-    drawn = grid_sample(filtered, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
+    drawn = F.grid_sample(filtered, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
     # the filter rings a little beyond [0, 1]; the mask is geometry, and has no gradient
     return drawn[:, :3], drawn[:, 3:].detach().clamp(0, 1)
 
