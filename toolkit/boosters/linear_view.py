@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from toolkit.boosters.transforms.printing import encode
 from toolkit.core.lazy import F, torch
 from toolkit.rig.shading import SHOULDER, LinearView
 
@@ -84,10 +85,7 @@ def tone_map(light: "torch.Tensor") -> "torch.Tensor":
     """`toolkit.rig.shading.tone_map` without falloff and noise, differentiable; sRGB-encoded in [0, 1]."""
     # straight up to the shoulder, then an exponential that begins with slope 1 and ends at white
     over = (light - SHOULDER).clamp_min(0)
-    light = light.clamp_max(SHOULDER) + (1 - SHOULDER) * (1 - torch.exp(-over / (1 - SHOULDER)))
-    light = light.clamp(0, 1)
-    # clamped in the branch that is not taken as well: the power's slope at 0 is infinite, and 0 · ∞ is no number
-    return torch.where(light <= 0.0031308, light * 12.92, 1.055 * light.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
+    return encode(light.clamp_max(SHOULDER) + (1 - SHOULDER) * (1 - torch.exp(-over / (1 - SHOULDER))))
 
 
 @dataclass(frozen=True)

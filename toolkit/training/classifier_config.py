@@ -10,14 +10,12 @@ from pydantic import AfterValidator, BeforeValidator, Field, computed_field, mod
 
 from toolkit.core.config import Config, Expect, Flag, Later
 from toolkit.core.errors import FieldError, one_of
-from toolkit.core.lazy import torch
+from toolkit.core.lazy import np, torch
 from toolkit.core.text import is_folder_name
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import build_network, list_architectures, published_weights
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from toolkit.training.loop import FitConfig
 
 

@@ -12,13 +12,10 @@ from dataclasses import dataclass
 from datetime import timedelta
 from io import StringIO
 from time import sleep
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.lazy import torch
-
-if TYPE_CHECKING:
-    import numpy as np
+from toolkit.core.lazy import np, torch
 
 MEETING_S = 300.0
 """How long processes wait for each other at the start."""

@@ -189,6 +189,7 @@ def use_profile(profile: "PrintProfile") -> ProfiledPrint:
 def encode(linear: "torch.Tensor") -> "torch.Tensor":
     """`toolkit.imaging.colour.linear_to_srgb`, differentiable."""
     linear = linear.clamp(0, 1)
+    # clamped in the branch that is not taken as well: the power's slope at 0 is infinite, and 0 · ∞ is no number
     return torch.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
 
 
