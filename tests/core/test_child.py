@@ -173,6 +173,7 @@ IMPORTING = {"import_module", "__import__", "exec", "eval", "compile", "SourceFi
 IMPORTERS = {
     ("__init__.py", "import_module"),  # the front door's own list
     ("core/extras.py", "import_module"),  # packages of extras
+    ("core/lazy.py", "import_module"),  # four libraries it names itself
     ("core/rooms.py", "import_module"),  # the lists of commands, and of what rooms offer
     ("models/programs.py", "import_module"),  # what somebody typed
 }

@@ -1,7 +1,6 @@
 """Lay patches on batches of images: a patch at random, or each image's own by its seed; differentiable."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,9 +8,7 @@ from toolkit.boosters.transforms import Placer
 from toolkit.boosters.transforms.placement import AffineRanges, Placement
 from toolkit.boosters.transforms.show import warp_patch
 from toolkit.core.errors import ToolkitError
-
-if TYPE_CHECKING:
-    import torch
+from toolkit.core.lazy import torch
 
 SMALLEST_PX = 2
 
@@ -43,8 +40,6 @@ def apply_patch(
     Raises:
         ToolkitError: another shape, integers instead of floats, or seeds or patches that do not match the images.
     """
-    import torch
-
     _check_shapes(images, patch, seed, mask)
     if len(images) == 0:
         return images

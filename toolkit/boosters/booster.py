@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 from PIL import Image, ImageDraw, ImageFont
-from pydantic import BaseModel
 
 from toolkit import __version__
 from toolkit.boosters.detectors import describe_targets
@@ -19,7 +18,7 @@ from toolkit.core.config import align_rows
 from toolkit.core.console import is_verbose
 from toolkit.core.files import write_bytes
 from toolkit.core.text import list_some
-from toolkit.core.work import INPUTS, find_made
+from toolkit.core.work import INPUTS, WorkResult, find_made
 from toolkit.imaging.read import encode_image
 from toolkit.models.predict import predict
 from toolkit.objects.records import Patch, Texture
@@ -46,32 +45,10 @@ class BoosterFiles:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainedBooster:
-    """Result of a run, beside the booster itself.
-
-    Attributes:
-        files: where it lies.
-        skipped: (path, reason) of images that could not be used.
-        resumed_from: steps that an earlier run had made; all of them when it was finished before.
-        was_finished: whether there was nothing left to do.
-    """
+class TrainedBooster(WorkResult):
+    """Result of a run, beside the booster itself, whose files lie in `files`."""
 
     files: BoosterFiles
-    skipped: tuple[tuple[str, str], ...]
-    resumed_from: int = 0
-    was_finished: bool = False
-
-    def describe_run(self, record: BaseModel) -> dict[str, Any]:
-        """Return the fields that scripts get of every run."""
-        return {
-            "was_finished": self.was_finished, "resumed_from": self.resumed_from,
-            "skipped": [{"path": path, "reason": reason} for path, reason in self.skipped],
-            "record": record.model_dump(),
-        }  # fmt: skip
-
-    def was_there(self) -> str:
-        """Return the line for a run that was finished before."""
-        return f"{self.files.png} was trained with these inputs before: nothing to do; --restart trains it again"
 
 
 class BoosterTask(PixelTask[Trained]):

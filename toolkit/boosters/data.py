@@ -14,6 +14,7 @@ from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, real_path, sha256_bytes, sha256_file, write_bytes
+from toolkit.core.lazy import torch
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, find_files, read_image, show_path
@@ -23,15 +24,11 @@ from toolkit.objects.spec import read_spec
 from toolkit.training.renders import RENDERS
 
 if TYPE_CHECKING:
-    import torch
-
     from toolkit.boosters.pixels import Network
 
 
 def stack_on_device(images: np.ndarray, device: str) -> "torch.Tensor":
     """(k, s, s, 3) uint8 to a (k, 3, s, s) uint8 tensor on `device`: a batch is then cut without another copy."""
-    import torch
-
     return torch.from_numpy(np.ascontiguousarray(images.transpose(0, 3, 1, 2))).to(device)
 
 
@@ -47,8 +44,6 @@ def draw_batch(images: "torch.Tensor", rng: np.random.Generator, count: int, ima
     Returns:
         (count, 3, image_px, image_px) float32 sRGB-encoded in [0, 1].
     """
-    import torch
-
     if count == 0:
         return torch.empty(0, 3, image_px, image_px, device=images.device)
     which = rng.choice(len(images), count, replace=count > len(images))

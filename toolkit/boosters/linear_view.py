@@ -6,15 +6,14 @@ The material may be the object's own, or the sheet that is stuck on it: both are
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 
+from toolkit.boosters.transforms.printing import encode
+from toolkit.core.lazy import F, torch
 from toolkit.rig.shading import SHOULDER, LinearView
-
-if TYPE_CHECKING:
-    import torch
 
 SMALLEST = 4
 """Side of the coarsest level."""
@@ -29,8 +28,6 @@ def build_levels(linear: "torch.Tensor") -> list["torch.Tensor"]:
 
 
 def _halve(level: "torch.Tensor") -> "torch.Tensor":
-    import torch
-
     # even sides need no matrix: the mean of two by two is the area average
     if level.shape[-1] % 2 == 0:
         rows = 0.5 * level[:, 0::2] + 0.5 * level[:, 1::2]
@@ -68,36 +65,27 @@ def look_up(levels: list["torch.Tensor"], uv: "torch.Tensor", lod: "torch.Tensor
 
 
 def _look_up_level(level: "torch.Tensor", uv: "torch.Tensor") -> "torch.Tensor":
-    from torch.nn.functional import grid_sample, pad
-
     side = level.shape[-1]
     # a ring of texels from the other side, as grid_sample cannot repeat a texture
-    wrapped = pad(level[None], (1, 1, 1, 1), mode="circular")
+    wrapped = F.pad(level[None], (1, 1, 1, 1), mode="circular")
     u, v = uv[:, 0] - uv[:, 0].floor(), uv[:, 1] - uv[:, 1].floor()
     inner = side / (side + 2)  # the ring of repeated texels makes the picture a little larger
     grid = uv.new_empty((1, 1, len(uv), 2))
     # v counts up, rows count down
     grid[0, 0, :, 0], grid[0, 0, :, 1] = (u * 2 - 1) * inner, (1 - v * 2) * inner
-    return grid_sample(wrapped, grid, mode="bilinear", align_corners=False)[0, :, 0].T
+    return F.grid_sample(wrapped, grid, mode="bilinear", align_corners=False)[0, :, 0].T
 
 
 def srgb_to_linear(encoded: "torch.Tensor") -> "torch.Tensor":
     """`toolkit.imaging.colour.srgb_to_linear`, differentiable."""
-    import torch
-
     return torch.where(encoded <= 0.04045, encoded / 12.92, ((encoded.clamp_min(0.04045) + 0.055) / 1.055) ** 2.4)
 
 
 def tone_map(light: "torch.Tensor") -> "torch.Tensor":
     """`toolkit.rig.shading.tone_map` without falloff and noise, differentiable; sRGB-encoded in [0, 1]."""
-    import torch
-
     # straight up to the shoulder, then an exponential that begins with slope 1 and ends at white
     over = (light - SHOULDER).clamp_min(0)
-    light = light.clamp_max(SHOULDER) + (1 - SHOULDER) * (1 - torch.exp(-over / (1 - SHOULDER)))
-    light = light.clamp(0, 1)
-    # clamped in the branch that is not taken as well: the power's slope at 0 is infinite, and 0 · ∞ is no number
-    return torch.where(light <= 0.0031308, light * 12.92, 1.055 * light.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
+    return encode(light.clamp_max(SHOULDER) + (1 - SHOULDER) * (1 - torch.exp(-over / (1 - SHOULDER))))
 
 
 @dataclass(frozen=True)
@@ -138,8 +126,6 @@ class ViewBatch:
 
     def through(self, factor: "torch.Tensor", offset: "torch.Tensor") -> "ViewBatch":
         """The same views seen through weather, which makes `factor · light + offset` of light; both (b, h, w, 3)."""
-        import torch
-
         device = self.pixel.device
         factor, offset, counts = factor.to(device), offset.to(device), torch.tensor(self.counts, device=device)
         view = torch.arange(len(counts), device=device).repeat_interleave(counts)
@@ -157,8 +143,6 @@ class ViewBatch:
             side: of the squares, pixels.
             dtype: of what is returned.
         """
-        import torch
-
         width, starts = self.still.shape[2], np.cumsum([0, *self.counts]).tolist()
         still, pixels = [], []
         chosen: list[slice | torch.Tensor] = []
@@ -190,8 +174,6 @@ def batch_views(
         behind: per view, (h, w, 3) float32 linear light of a photograph in place of table and room, or None.
         half: keep light in half precision, for many views.
     """
-    import torch
-
     precision = np.float16 if half else np.float32
     pairs = list(zip(views, behind or [None] * len(views), strict=True))
     still = np.stack(
@@ -230,8 +212,6 @@ def _repaint_before(view: LinearView, back: np.ndarray | None, pixels: np.ndarra
 
 def batch_pictures(lights: list[np.ndarray], device: str) -> ViewBatch:
     """(h, w, 3) linear light of pictures as views in which nothing of the material is seen."""
-    import torch
-
     still = torch.from_numpy(np.stack(lights)).to(device)
     nothing = still.new_zeros(0)
     return ViewBatch(
@@ -258,8 +238,6 @@ def show_texture(
     Returns:
         (b, 3, h, w) sRGB-encoded in [0, 1].
     """
-    import torch
-
     linear = srgb_to_linear(texture)
     if gradient == "shaded":
         shaded = show_linear(linear, batch, light)
@@ -277,8 +255,6 @@ def show_texture(
 
 def _show_repainted(texture: "torch.Tensor", batch: ViewBatch, light: "torch.Tensor | float") -> "torch.Tensor":
     """`show_texture` by `batch.repaints`, without a gradient; the renderer gets the texture in 8 bits."""
-    import torch
-
     pixels = (texture.detach().permute(1, 2, 0) * 255).round().to(torch.uint8).cpu().numpy()
     lights = torch.from_numpy(np.stack([repaint(pixels) for repaint in batch.repaints])).to(texture)
     return tone_map(lights.permute(0, 3, 1, 2) * light)
@@ -286,9 +262,6 @@ def _show_repainted(texture: "torch.Tensor", batch: ViewBatch, light: "torch.Ten
 
 def show_linear(linear: "torch.Tensor", batch: ViewBatch, light: "torch.Tensor | float" = 1.0) -> "torch.Tensor":
     """`show_texture` of linear colours, differentiable as it is."""
-    import torch
-    from torch.nn.functional import pad
-
     count, height, width, _ = batch.still.shape
     factor = torch.as_tensor(light, dtype=linear.dtype, device=linear.device).expand(count, 3, 1, 1).flatten(1)
     photos = torch.stack([tone_map(still * scale) for still, scale in zip(batch.still, factor, strict=True)]).view(
@@ -298,14 +271,12 @@ def show_linear(linear: "torch.Tensor", batch: ViewBatch, light: "torch.Tensor |
     slot, shown = _find_shown(batch)
     colour = look_up(build_levels(linear), batch.uv, batch.lod) * batch.gain
     lit = batch.still.view(-1, 3)[shown].index_add(0, slot, colour) * factor[shown // (height * width)]
-    whole = pad(lit, (0, 0, 0, -len(lit) % 256))  # an array's last odd values would be rounded otherwise
+    whole = F.pad(lit, (0, 0, 0, -len(lit) % 256))  # an array's last odd values would be rounded otherwise
     return photos.index_put((shown,), tone_map(whole)[: len(lit)]).view(count, height, width, 3).permute(0, 3, 1, 2)
 
 
 def _find_shown(batch: ViewBatch) -> tuple["torch.Tensor", "torch.Tensor"]:
     """(k,) which pixel of those that show the material a sample counts for, and (t,) these among all of the batch."""
-    import torch
-
     count, height, width, _ = batch.still.shape
     counts = torch.tensor(batch.counts, device=batch.pixel.device)
     start = torch.arange(count, device=batch.pixel.device) * (height * width)

@@ -107,15 +107,14 @@ class TrainedPatch(TrainedBooster):
 
     def as_json(self) -> dict[str, Any]:
         """All of it for a script."""
-        return {
-            "patch": str(self.files.png), "preview": str(self.files.preview), **self.describe_run(self.patch.record)
-        }  # fmt: skip
+        files = {"patch": str(self.files.png), "preview": str(self.files.preview)}
+        return {**files, **self.describe_run(), "record": self.patch.record.model_dump()}
 
     def lines(self, object_name: str | None = None) -> Iterator[str]:
         """Lines on the patch, its accuracy, and the next command."""
         record, files = self.patch.record, self.files
         if self.was_finished:
-            yield self.was_there()
+            yield self.was_there(self.files.png)
         else:
             yield f"{files.png}: {record.n_px} px, {record.size_mm:.0f} mm on paper; preview: {files.preview}"
             yield from self._list_accuracy(record)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from pydantic import Field, field_serializer
 
@@ -29,12 +29,9 @@ from toolkit.boosters.transforms.show import Appearance
 from toolkit.boosters.transforms.transfer import Cutout
 from toolkit.core.config import Flag, Later, Range, Rising
 from toolkit.core.errors import FieldError
+from toolkit.core.lazy import torch
 from toolkit.core.work import Work
 from toolkit.objects.spec import Margin, ObjectSpec, printed_size_mm
-
-if TYPE_CHECKING:
-    import torch
-
 
 METHOD = "unadversarial patch, sign of the gradient"
 PATCHES = Work("patch", 9, old_at=0)
@@ -258,8 +255,6 @@ def non_printability(patch: "torch.Tensor") -> "torch.Tensor":
     The gradient of the distance to a convex set points away from the nearest place in it, so that this place may be
     found apart from autograd.
     """
-    import torch
-
     from toolkit.imaging.printer import nearest_printable
 
     colours = patch.flatten(1).T

@@ -95,14 +95,14 @@ class TrainedTexture(TrainedBooster):
         """All of it for a script."""
         return {
             "texture": str(self.files.png), "glb": [str(file) for file in self.glbs.values()],
-            "preview": str(self.files.preview), **self.describe_run(self.texture.record),
+            "preview": str(self.files.preview), **self.describe_run(), "record": self.texture.record.model_dump(),
         }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
         """Lines on the texture, its accuracy, and the next command."""
         record, files = self.texture.record, self.files
         if self.was_finished:
-            yield self.was_there()
+            yield self.was_there(self.files.png)
         else:
             yield f"{files.png}: {record.n_px} × {record.n_px} px; the object turning: {files.preview}"
             for glb in self.glbs.values():

@@ -146,14 +146,14 @@ class TrainedWrap(TrainedBooster):
         """All of it for a script."""
         return {
             "wrap": str(self.files.png.parent), "preview": str(self.files.preview),
-            **self.describe_run(self.wrap.record),
+            **self.describe_run(), "record": self.wrap.record.model_dump(),
         }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
         """Lines on the wrap, its accuracy, and the next command."""
         record, files = self.wrap.record, self.files
         if self.was_finished:
-            yield self.was_there()
+            yield self.was_there(self.files.png)
         else:
             share = f"{record.covered:.0%} of what cameras see"
             yield f"{files.png.parent}: {len(record.pieces)} pieces on {share}; the object turning: {files.preview}"

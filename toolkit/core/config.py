@@ -87,6 +87,21 @@ class Later:
     """Mark of a later field: its default is left out of record and hash, so that old hashes stay."""
 
 
+class FileRecord(BaseModel):
+    """Facts in a file, frozen; a file with an unknown field is refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: Callable[["FileRecord"], dict[str, Any]]) -> dict[str, Any]:
+        dumped = dump(self)
+        for name, info in type(self).model_fields.items():
+            is_later = any(mark is Later or isinstance(mark, Later) for mark in info.metadata)
+            if is_later and getattr(self, name) == info.get_default(call_default_factory=True):
+                dumped.pop(name, None)
+        return dumped
+
+
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass
 else:
@@ -101,7 +116,7 @@ class _ShortHelp(ModelMetaclass):
         return sorted({name for names in ours for name in names if not name.startswith(("_", "model_"))})
 
 
-class Config(BaseModel, metaclass=_ShortHelp):
+class Config(FileRecord, metaclass=_ShortHelp):
     """Frozen, validated settings.
 
     Raises:
@@ -109,7 +124,7 @@ class Config(BaseModel, metaclass=_ShortHelp):
         ToolkitError: there is no such field.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
+    model_config = ConfigDict(allow_inf_nan=False, arbitrary_types_allowed=True)
 
     def __init__(self, **values: Any) -> None:
         try:
@@ -132,15 +147,6 @@ class Config(BaseModel, metaclass=_ShortHelp):
         if lines and "\n    Attributes:" not in (cls.__doc__ or ""):
             cls.__doc__ = f"{inspect.cleandoc(cls.__doc__ or '')}\n\nAttributes:\n" + "\n".join(lines)
         cls.__signature__ = inspect.Signature(parameters)
-
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: Callable[["Config"], dict[str, Any]]) -> dict[str, Any]:
-        dumped = dump(self)
-        for name, info in type(self).model_fields.items():
-            is_later = any(mark is Later or isinstance(mark, Later) for mark in info.metadata)
-            if is_later and getattr(self, name) == info.get_default(call_default_factory=True):
-                dumped.pop(name, None)
-        return dumped
 
     def record(self) -> dict[str, Any]:
         """Return all settings as JSON values, without fields declared with `exclude=True`."""

@@ -6,12 +6,9 @@ The draws for a corrupted image depend on its seed, the corruption and the sever
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 from zlib import crc32
 
-if TYPE_CHECKING:
-    import numpy as np
-    import torch
+from toolkit.core.lazy import np, torch
 
 
 @dataclass(frozen=True)
@@ -34,8 +31,6 @@ class Draws:
 
     def of(self, part: str) -> "np.random.Generator":
         """Return a fresh generator for a part, see `key`."""
-        import numpy as np
-
         return np.random.default_rng(self.key(part))
 
 
@@ -56,8 +51,6 @@ class RandomStreams:
     """
 
     def __init__(self, seeds: Sequence[int], name: str, severity: int, device: "torch.device") -> None:
-        import torch
-
         self.device = device
         self._streams = [torch.Generator().manual_seed(_hash(f"{seed}/{name}/{severity}")) for seed in seeds]
 
@@ -72,8 +65,6 @@ class RandomStreams:
     def _fill(
         self, shape: tuple[int, ...], fill: "Callable[[torch.Tensor, torch.Generator], object]"
     ) -> "torch.Tensor":
-        import torch
-
         numbers = torch.empty(len(self._streams), *shape)
         for row, stream in zip(numbers, self._streams, strict=True):
             fill(row, stream)

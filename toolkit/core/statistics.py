@@ -5,12 +5,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import atanh, sqrt, tanh
-from typing import TYPE_CHECKING
 
 from toolkit.core.errors import ToolkitError
-
-if TYPE_CHECKING:
-    import numpy as np
+from toolkit.core.lazy import np, scipy
 
 Z_95 = 1.959963984540054
 SIGNIFICANT = 0.05
@@ -54,9 +51,7 @@ def mcnemar_p(gained: int, lost: int) -> float:
         # the functions behind `binomtest`, so equal to the bit; SciPy's statistics take a second to load
         from scipy.special._ufuncs import _binom_cdf, _binom_sf
     except ImportError:  # an earlier SciPy
-        from scipy.stats import binomtest
-
-        return float(binomtest(gained, n, 0.5).pvalue)
+        return float(scipy.stats.binomtest(gained, n, 0.5).pvalue)
     return min(1.0, float(_binom_cdf(fewest, n, 0.5) + _binom_sf(most - 1, n, 0.5)))
 
 
@@ -66,12 +61,10 @@ def mcnemar_mid_p(gained: int, lost: int) -> float:
     It is less conservative than the exact test, and nearly always keeps its level (Fagerland, Lydersen and Laake, BMC
     Medical Research Methodology 13, 2013). It is 1 if no pair changed.
     """
-    from scipy.stats import binom
-
     n, fewest = gained + lost, min(gained, lost)
     if not n:
         return 1.0
-    return float(min(1.0, 2 * (binom.cdf(fewest, n, 0.5) - 0.5 * binom.pmf(fewest, n, 0.5))))
+    return float(min(1.0, 2 * (scipy.stats.binom.cdf(fewest, n, 0.5) - 0.5 * scipy.stats.binom.pmf(fewest, n, 0.5))))
 
 
 def adjust_holm(ps: Sequence[float]) -> list[float]:
@@ -205,8 +198,6 @@ def resample_clusters(count: int) -> "np.ndarray":
     Trials of a cluster, such as images of a place, are drawn together (Field and Welsh 2007). With very few clusters
     the percentile intervals are too narrow: five clusters have 126 different samples.
     """
-    import numpy as np
-
     # counts, not samples: `scipy.stats.bootstrap` would recompute each statistic from drawn rows
     rng = np.random.default_rng([0, count])
     return rng.multinomial(count, np.full(count, 1 / count), BOOTSTRAP_DRAWS).astype(float)
@@ -214,8 +205,6 @@ def resample_clusters(count: int) -> "np.ndarray":
 
 def percentile_interval(values: "np.ndarray") -> Interval | None:
     """Return the 2.5 and 97.5 % quantiles of bootstrapped values without NaN; None if over half are NaN."""
-    import numpy as np
-
     known = values[~np.isnan(values)]
     if 2 * len(known) < len(values) or not len(known):
         return None
@@ -229,8 +218,6 @@ def sign_flip_p(differences: Sequence[float]) -> float:
 
     The smallest p of k clusters is 2 / 2^k. For more than 16 clusters 65,536 patterns of signs are drawn.
     """
-    import numpy as np
-
     found = np.asarray(differences, float)
     count = len(found)
     if count <= 16:
@@ -270,14 +257,12 @@ def rank_correlation(first: Sequence[float], second: Sequence[float]) -> RankCor
     The interval is Fisher's z with the standard error √((1 + ρ²/2) / (n − 3)) of Bonett and Wright (Psychometrika 65,
     2000), which suits ranks better than 1/√(n − 3).
     """
-    from scipy.stats import spearmanr
-
     n = len(first)
     if n < FEWEST_RANKS:
         return RankCorrelation(n, None, why="too few")
     if min(first) == max(first) or min(second) == max(second):
         return RankCorrelation(n, None, why="all equal")
-    rho = max(-1.0, min(1.0, float(spearmanr(first, second).statistic)))
+    rho = max(-1.0, min(1.0, float(scipy.stats.spearmanr(first, second).statistic)))
     if n < FEWEST_FOR_INTERVAL or abs(rho) > 1 - 1e-12:
         return RankCorrelation(n, rho)
     # on Fisher's scale, z = atanh(rho)

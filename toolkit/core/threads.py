@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import TypeVar
 
 from toolkit.core.child import count_cores
+from toolkit.core.lazy import torch
 
 Item = TypeVar("Item")
 Made = TypeVar("Made")
@@ -17,8 +18,6 @@ _starting = threading.Lock()
 
 @lru_cache(maxsize=2)
 def _pool(workers: int, process_id: int) -> ThreadPoolExecutor:
-    import torch
-
     # a pool for each process: threads do not survive a fork, such as of a data loader's workers
     # all threads are started, and limited to a thread each, before the process's own setting is restored
     ready = threading.Barrier(workers + 1)
@@ -44,8 +43,6 @@ def run_each(work: Callable[[int], object], count: int) -> None:
 
     The steps of `work` run on its own thread alone. It must not call `run_each` in its turn.
     """
-    import torch
-
     workers = torch.get_num_threads()
     if workers == 1:
         for index in range(count):

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_json
@@ -54,3 +54,27 @@ def find_made(key: str, read: Callable[[], Made], held: Callable[[Made], object]
     except ToolkitError:
         return None
     return made if held(made) == key else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkResult:
+    """Result of a run that may have been interrupted, beside what it made.
+
+    Attributes:
+        skipped: (path, reason) of images that could not be used.
+        resumed_from: steps that an earlier run had made; all of them when it was finished before.
+        was_finished: whether there was nothing left to do.
+    """
+
+    skipped: tuple[tuple[str, str], ...] = ()
+    resumed_from: int = 0
+    was_finished: bool = False
+
+    def describe_run(self) -> dict[str, Any]:
+        """Return the fields that scripts get of every run."""
+        skipped = [{"path": path, "reason": reason} for path, reason in self.skipped]
+        return {"was_finished": self.was_finished, "resumed_from": self.resumed_from, "skipped": skipped}
+
+    def was_there(self, what: object) -> str:
+        """Return the line for a run that was finished before."""
+        return f"{what} was trained with these inputs before: nothing to do; --restart trains it again"

@@ -5,8 +5,7 @@ from pathlib import Path
 from shutil import copytree
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
-
+from toolkit.core.config import FileRecord
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import make_folder, read_toml, real_path, write_text
 from toolkit.core.places import MARKER, is_workspace
@@ -159,10 +158,9 @@ def _named_files(kind: str | Path, pattern: str, own: Path) -> dict[str, Path]:
     return found | {path.stem: path for path in sorted(own.glob(pattern))}
 
 
-class WorkspaceFile(BaseModel):
+class WorkspaceFile(FileRecord):
     """`toolkit.toml`, which marks a folder as a workspace."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     schema_version: Literal[1]
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from toolkit.core.config import FileRecord
 from toolkit.core.console import progress
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
@@ -26,7 +27,7 @@ SETTINGS_FILE = "corruption.json"
 LOG_FILE = "corrupted.jsonl"
 
 
-class FolderSettings(BaseModel):
+class FolderSettings(FileRecord):
     """Settings of all images of a folder.
 
     Attributes:
@@ -37,7 +38,6 @@ class FolderSettings(BaseModel):
         image_format: png or jpg.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     schema_version: Literal[1] = 1
     corruption: str | None = None
     severity: int | None = None

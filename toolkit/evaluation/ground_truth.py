@@ -12,6 +12,7 @@ from toolkit.captures.corrupted_copy import Corruption, name_source
 from toolkit.captures.manifest import GATES_FILE
 from toolkit.captures.read import CaptureFolder, read_captures
 from toolkit.core.errors import ToolkitError
+from toolkit.core.lazy import torch
 from toolkit.core.rooms import explain_missing, find_offer
 from toolkit.core.tables import format_test
 from toolkit.core.text import count_of
@@ -23,8 +24,6 @@ from toolkit.models.network import Classifier
 from toolkit.objects.spec import read_spec
 
 if TYPE_CHECKING:
-    import torch
-
     from toolkit.captures.dataset import CaptureDataset
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from toolkit.captures.capture import UNPATCHED, Capture
 from toolkit.captures.read import POOLED
+from toolkit.core.lazy import scipy
 from toolkit.core.statistics import (
     Interval,
     PairedOutcomes,
@@ -72,8 +73,6 @@ def estimate_difference(scores: np.ndarray, other: np.ndarray, cluster_of: np.nd
 
 def _ratio(scores: np.ndarray, cluster_of: np.ndarray) -> tuple[float, float, int]:
     """Return the ratio, the half width of its interval, and the number of clusters."""
-    from scipy.stats import t
-
     _, member = np.unique(cluster_of, return_inverse=True)
     totals, sizes = np.bincount(member, weights=scores), np.bincount(member)
     n_clusters = len(sizes)
@@ -83,7 +82,7 @@ def _ratio(scores: np.ndarray, cluster_of: np.ndarray) -> tuple[float, float, in
     # residuals y_c - p x_c: the linearised variance of a ratio of totals
     spread = n_clusters / (n_clusters - 1) * float(((totals - mean * sizes) ** 2).sum())
     # Student's t: with few clusters the spread itself is uncertain
-    return mean, float(t.ppf(0.975, n_clusters - 1)) * sqrt(spread) / float(sizes.sum()), n_clusters
+    return mean, float(scipy.stats.t.ppf(0.975, n_clusters - 1)) * sqrt(spread) / float(sizes.sum()), n_clusters
 
 
 @dataclass(frozen=True)

@@ -5,21 +5,18 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
 
 from toolkit.core.console import progress
+from toolkit.core.lazy import torch
 from toolkit.evaluation.contact_sheet import encode_jpeg
 from toolkit.evaluation.metrics import FlipList
 from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.read_pixels import AHEAD, read_ahead
 from toolkit.models.network import Classifier
 from toolkit.models.predict import ask_in_parts
-
-if TYPE_CHECKING:
-    import torch
 
 NO_MAP = "{arch} has no feature map: no module of it returns (b, c, h, w) or (b, h, w, c) with h, w > 1"
 TOKENS = "the last feature map of {arch} comes before its attention layers, where Grad-CAM means little"
@@ -36,8 +33,6 @@ def find_feature_map(classifier: Classifier) -> "torch.nn.Module":
     Raises:
         NoSaliency: there is none, or token layers follow it, as in a vision transformer.
     """
-    import torch
-
     if classifier.untrainable:
         raise NoSaliency(f"{classifier.arch}: {classifier.untrainable}")
     last: torch.nn.Module | None = None
@@ -90,8 +85,6 @@ def compute_gradcam(
         NoSaliency: the feature map does not lead to the output.
         ToolkitError: as `ask_in_parts`.
     """
-    import torch
-
     seen = threading.local()  # parts of the batch run at the same time, each on its thread
 
     def start_graph(_: torch.nn.Module, __: tuple, output: torch.Tensor) -> torch.Tensor:
@@ -187,8 +180,6 @@ def overlay_heat(pixels: np.ndarray, heat: np.ndarray, top: float) -> Image.Imag
 
 def _compute_maps(images: Sequence[Prediction], classifier: Classifier) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return pixels and map of each image by its path, without images that do not decode any more."""
-    import torch
-
     feature_map = find_feature_map(classifier)
     classes = {image.capture.path: image.true_index for image in images}
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}

@@ -12,6 +12,7 @@ import numpy as np
 from toolkit.core.cache import Arrays, keep_arrays
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
+from toolkit.core.lazy import torch
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.threads import map_ahead
 from toolkit.imaging.preprocessing import resize_and_crop
@@ -178,8 +179,6 @@ def _survey_detector(model: str, detector: Detector, with_speed: bool) -> Survey
 
 def measure_speed(classifier: Classifier, backward: bool = False) -> float:
     """Return images per second without preprocessing; with `backward`, including the gradient of the image."""
-    import torch
-
     side = classifier.preprocessing.crop_px
     batch = torch.rand(BATCH, 3, side, side, device=classifier.device, requires_grad=backward)
 

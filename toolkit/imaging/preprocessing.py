@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from toolkit.core.lazy import np
+
 if TYPE_CHECKING:
-    import numpy as np
     from torchvision.transforms._presets import ImageClassification
 
 LONGEST_WHOLE = 8
@@ -55,7 +56,6 @@ def resize_and_crop(image: "np.ndarray", how: Preprocessing) -> "np.ndarray":
     The pixels are torchvision's own. For images over eight times as long as wide, only the kept part is resampled,
     which bounds the memory; some values then round to the next level.
     """
-    import numpy as np
     from PIL import Image
 
     height, width = image.shape[:2]

@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from toolkit.core.config import FileRecord
 from toolkit.core.files import read_json, write_json
+from toolkit.core.lazy import scipy
 from toolkit.imaging.colour import srgb_to_linear
 
 SOLIDS = np.array(
@@ -42,10 +44,8 @@ def nearest_printable(colours: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=1)
 def _hull() -> tuple[np.ndarray, np.ndarray]:
     """Triangles (f, 3, 3) of the hull of `SOLIDS`, and their planes (f, 4): outward normal, offset."""
-    from scipy.spatial import ConvexHull
-
     solids = SOLIDS.reshape(8, 3)
-    hull = ConvexHull(solids)
+    hull = scipy.spatial.ConvexHull(solids)
     return solids[hull.simplices], hull.equations
 
 
@@ -97,10 +97,9 @@ Triple = tuple[float, float, float]
 HIGHEST_DEGREE = 3
 
 
-class ColourError(BaseModel):
+class ColourError(FileRecord, allow_inf_nan=False):
     """CIEDE2000 differences: their median and their 95th percentile."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     median: float = Field(ge=0)
     p95: float = Field(ge=0)
 
@@ -108,16 +107,15 @@ class ColourError(BaseModel):
         return f"ΔE00 {self.median:.1f} (95 % below {self.p95:.1f})"
 
 
-class ProfileMade(BaseModel):
+class ProfileMade(FileRecord):
     """When, with what and by whom a profile was made."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     on: str
     with_version: str
     by: str | None = None
 
 
-class PrintProfile(BaseModel):
+class PrintProfile(FileRecord, allow_inf_nan=False):
     """`print/profiles/NAME.json`.
 
     Attributes:
@@ -136,7 +134,6 @@ class PrintProfile(BaseModel):
         made: time, program and author.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     schema_version: Literal[1] = 1
     name: str = Field(min_length=1)
     patch: str

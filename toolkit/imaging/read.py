@@ -17,6 +17,7 @@ from PIL import ExifTags, Image, ImageCms, ImageOps
 
 from toolkit.core.errors import ToolkitError, foreign_code
 from toolkit.core.files import open_plain, real_path, walk_folders
+from toolkit.core.lazy import cv2
 from toolkit.imaging.colour import adobe_to_srgb
 
 IMAGE_SUFFIXES = frozenset(
@@ -128,8 +129,6 @@ def decode_frame(content: bytes, name: Path, grey: bool = False, size_px: tuple[
     Raises:
         UnreadableImage: it is no PNG, damaged, far too large, or of another size.
     """
-    import cv2
-
     pixels = None
     if content.startswith(PNG_START) and len(content) >= 24:
         width, height = struct.unpack(">II", content[16:24])
@@ -146,8 +145,6 @@ def decode_frame(content: bytes, name: Path, grey: bool = False, size_px: tuple[
 
 def read_linear(path: Path) -> np.ndarray:
     """(h, w, 3) float32 linear light of a Radiance or OpenEXR picture, else an `UnreadableImage`."""
-    import cv2
-
     try:
         with open_plain(path) as file:
             head = file.read(4096)

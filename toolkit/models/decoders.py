@@ -8,7 +8,6 @@ from typing import Literal
 import torch
 
 from toolkit.core.errors import ToolkitError
-from toolkit.models.detector import COCO_LABELS
 from toolkit.models.vision import torchvision
 
 Dense = tuple[torch.Tensor, torch.Tensor]
@@ -203,10 +202,8 @@ def choose_decoder(family: str, classes: int) -> Decoder:
 
 def published_labels(classes: int | None) -> list[str]:
     """COCO's names for a detector's outputs: 80 in a row, or 91 by COCO's own numbers."""
-    if classes != 91:
-        return list(COCO_LABELS)
-    entry = torchvision.models.detection.FasterRCNN_ResNet50_FPN_Weights.DEFAULT
-    return list(entry.meta["categories"])
+    names = torchvision.models.detection.FasterRCNN_ResNet50_FPN_Weights.DEFAULT.meta["categories"]
+    return [name for name in names if classes == 91 or name not in ("__background__", "N/A")]
 
 
 def describe_expected(size: int) -> str:

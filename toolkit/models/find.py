@@ -5,16 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, model_validator
 
+from toolkit.core.config import FileRecord, Later
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json
 from toolkit.core.text import Label, is_folder_name, list_some
@@ -37,15 +30,14 @@ HF_PREFIX = "hf:"
 EXPORTED_SUFFIX = ".pt2"
 
 
-class ClassShare(BaseModel):
+class ClassShare(FileRecord):
     """Correct answers to held-out images of a class."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     n: int
     correct: int
 
 
-class UnderAttack(BaseModel):
+class UnderAttack(FileRecord):
     """Correct answers of a robust network to held-out images under an attack by projected gradient ascent.
 
     Attributes:
@@ -54,7 +46,6 @@ class UnderAttack(BaseModel):
         n, correct, accuracy, ci95: as in `HeldOut`.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     norm: str
     eps: float
     steps: int
@@ -65,7 +56,7 @@ class UnderAttack(BaseModel):
     ci95: tuple[float, float]
 
 
-class HeldOut(BaseModel):
+class HeldOut(FileRecord):
     """Accuracy of the written weights on images that were not used in training.
 
     Attributes:
@@ -78,7 +69,6 @@ class HeldOut(BaseModel):
         under_attack: accuracy of a robust network under an attack; else absent.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     n: int
     correct: int
     accuracy: float | None
@@ -86,23 +76,18 @@ class HeldOut(BaseModel):
     per_class: dict[str, ClassShare]
     confusions: list[tuple[str, str, int]]
     what: str
-    under_attack: UnderAttack | None = None
-
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {name: value for name, value in dump(self).items() if name != "under_attack" or value is not None}
+    under_attack: Annotated[UnderAttack | None, Later()] = None
 
 
-class AnswerCounts(BaseModel):
+class AnswerCounts(FileRecord):
     """A network's answers to `n` photographs: how many are correct, and how many agree with the teacher's."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     n: int
     correct: int
     agreed: int
 
 
-class Refinement(BaseModel):
+class Refinement(FileRecord):
     """A network that was refined by its own answers.
 
     Attributes:
@@ -113,7 +98,6 @@ class Refinement(BaseModel):
         step: training step of these weights, counted from 1.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     teacher: str
     teacher_sha256: str
     attack: dict[str, Any]
@@ -131,7 +115,7 @@ def _check_member(name: str) -> str:
     return name
 
 
-class NetworkSet(BaseModel):
+class NetworkSet(FileRecord):
     """`rig/classifiers/NAME.json`: networks that boosters are trained on together, under a common name.
 
     Attributes:
@@ -141,11 +125,10 @@ class NetworkSet(BaseModel):
         inputs_sha256: hash of everything that decides the weights; None if the set was not made by a training.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     schema_version: Literal[1] = 1
     name: str
     networks: list[Annotated[str, AfterValidator(_check_member)]] = Field(min_length=2)
-    turns: dict[str, Annotated[int, Field(ge=1, le=100)]] = {}
+    turns: dict[str, Annotated[int, Field(ge=1, le=100)]] = Field({})
     inputs_sha256: str | None = Field(None, pattern=r"^[0-9a-f]{64}$")
 
     @model_validator(mode="after")
@@ -155,7 +138,7 @@ class NetworkSet(BaseModel):
         return self
 
 
-class ClassifierRecord(BaseModel):
+class ClassifierRecord(FileRecord):
     """A classifier's labels and preprocessing, as in `LabelsFile`, and its training.
 
     Attributes:
@@ -175,7 +158,6 @@ class ClassifierRecord(BaseModel):
         toolkit_version: version of the program that trained it.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     schema_version: int = 1
     name: str
     arch: str
@@ -186,21 +168,16 @@ class ClassifierRecord(BaseModel):
     mean: tuple[float, float, float]
     std: tuple[float, float, float]
     filter_name: str
-    channels: Literal["RGB", "BGR"] | None = None
-    squash: bool | None = None
+    channels: Annotated[Literal["RGB", "BGR"] | None, Later()] = None
+    squash: Annotated[bool | None, Later()] = None
     data: dict[str, Any]
     seed: int
     settings: dict[str, Any]
     final: dict[str, float]
     held_out: HeldOut
-    refined: Refinement | None = None
+    refined: Annotated[Refinement | None, Later()] = None
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
     toolkit_version: str
-
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        optional = ("channels", "squash", "refined")
-        return {name: value for name, value in dump(self).items() if name not in optional or value is not None}
 
 
 @dataclass(frozen=True)

@@ -5,16 +5,14 @@ import json
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
+from toolkit.core.lazy import torch
 from toolkit.models.find import BUNDLED_DIR, is_program
 from toolkit.models.network import AnyNetwork
 from toolkit.models.weights import SUFFIXES, cache_dir, open_weights, read_state_dict, weights_folder
-
-if TYPE_CHECKING:
-    import torch
 
 ID_DIGITS = 10
 """Digits of a network's hash: enough for the networks that somebody compares."""
@@ -45,8 +43,6 @@ class WeightsId(Protocol):
 
 def hash_tensors(state: "Mapping[str, torch.Tensor]") -> str | None:
     """SHA-256 of the numbers of a network in single precision, whatever their names and format; None without any."""
-    import torch
-
     hashes = []
     for value in state.values():
         if not value.is_floating_point():

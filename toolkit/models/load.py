@@ -12,6 +12,7 @@ from toolkit.core.console import is_quiet
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.extras import import_package
 from toolkit.core.files import read_json, sha256_file
+from toolkit.core.lazy import torch
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import build_network, imagenet_labels, published_weights
 from toolkit.models.find import (
@@ -47,8 +48,6 @@ from toolkit.models.weights import (
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    import torch
 
     from toolkit.models.heads import AsEncoder
 
@@ -92,8 +91,6 @@ def load_classifier(
 
 def _make_classifier(made: "BuiltNetwork", arch: str, place: str, published: list[str], name: str) -> Classifier:
     """Join a network with its labels and preprocessing, on its device; `name` is its name by default."""
-    import torch
-
     own, labels = made.own, choose_labels(made.file.path, made.own.labels, published, made.num_classes)
     return Classifier(
         arch=arch, module=made.module.requires_grad_(False).eval().to(memory_format=torch.channels_last).to(place),
@@ -137,7 +134,6 @@ def _count_classes(
     arch: str, state: "OrderedDict[str, torch.Tensor]", published: int, file: WeightsFile
 ) -> "tuple[int, OrderedDict[str, torch.Tensor]]":
     """Return the rows of the last layer, and the state dict with the network's own names."""
-    import torch
 
     class Undrawn(torch.overrides.TorchFunctionMode):
         """Draws no random numbers: for tensors that hold none, torch would load its compiler."""
@@ -356,8 +352,6 @@ def _count_timm_classes(
     model: str, config: dict[str, Any], state: "OrderedDict[str, torch.Tensor]", file: WeightsFile
 ) -> "tuple[int, OrderedDict[str, torch.Tensor]]":
     """Return the outputs of the last layer, and the state dict with timm's names; for other formats as published."""
-    import torch
-
     last = config.get("classifier") or ""
     head = f"{last if isinstance(last, str) else last[0]}.weight"
     if head not in state and any(name.endswith(f".{head}") for name in state):

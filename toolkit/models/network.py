@@ -5,11 +5,12 @@ from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from toolkit.core.errors import FieldError, ToolkitError, describe_failure, one_of
+from toolkit.core.lazy import torch
 from toolkit.core.text import join_words
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.models.labels import (
@@ -25,9 +26,6 @@ from toolkit.models.labels import (
     read_labels_file,
 )
 from toolkit.models.weights import WeightsFile, read_checkpoint
-
-if TYPE_CHECKING:
-    import torch
 
 
 class AnyNetwork(Protocol):
@@ -81,8 +79,6 @@ def blame_model(arch: str, what: str, longest: int = 200) -> Callable[[Exception
 
 def check_finite(answers: "torch.Tensor", arch: str, weights: WeightsFile) -> None:
     """Raise `BadAnswer` for the first of (b, classes) answers whose best is not finite; -∞ excludes a class alone."""
-    import torch
-
     is_bad = ~torch.isfinite(answers.amax(1))
     if is_bad.any():
         reason = f"{weights.name}: the network's output is not a number: its weights are damaged"
@@ -143,8 +139,6 @@ class Classifier:
 
     def preprocess(self, image: np.ndarray) -> "torch.Tensor":
         """Resize and crop (h, w, 3) uint8 sRGB to (3, crop, crop) float32, sRGB-encoded in [0, 1]."""
-        import torch
-
         pixels = np.ascontiguousarray(resize_and_crop(image, self.preprocessing).transpose(2, 0, 1))
         return torch.from_numpy(pixels).float().div(255)
 
@@ -155,8 +149,6 @@ class Classifier:
             ValueError: the batch has another shape.
             BadAnswer: the network gives something else, or code of the user's fails.
         """
-        import torch
-
         if batch.ndim != 4 or batch.shape[1] != 3:
             raise ValueError(f"batch must be Bx3xHxW, got {tuple(batch.shape)}")
         batch = batch.to(self.device)
@@ -181,8 +173,6 @@ class Classifier:
         return answers
 
     def _ask(self, batch: "torch.Tensor") -> object:
-        import torch
-
         try:
             return self.module(batch)
         except (ToolkitError, MemoryError, torch.OutOfMemoryError, KeyboardInterrupt):
@@ -215,7 +205,6 @@ def fold_normalisation(network: Classifier) -> Classifier:
     Hooks of a single pass show which normalisation follows which convolution. The network itself is returned if there
     is nothing to fold, or if the copy's answers to a random image differ.
     """
-    import torch
     from torch.nn.utils.fusion import fuse_conv_bn_eval
 
     module = copy.deepcopy(network.module)
@@ -260,8 +249,6 @@ def choose_device(device: str) -> str:
     Raises:
         ToolkitError: the name is unknown, or this machine has no GPU for `cuda`.
     """
-    import torch
-
     if device not in ("auto", "cpu", "cuda"):
         raise one_of("device", device, ["auto", "cpu", "cuda"])
     if device == "cpu":

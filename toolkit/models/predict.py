@@ -2,16 +2,14 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from toolkit.core.errors import FieldError
+from toolkit.core.lazy import torch
 from toolkit.core.threads import run_each
 from toolkit.models.network import AnyNetwork, BadAnswer, check_finite
-
-if TYPE_CHECKING:
-    import torch
 
 CPU_PART, CUDA_PART = 4, 32
 """Images in a pass. Passes of the same shape, on a CPU on one thread, give an image the same numbers in any batch."""
@@ -63,7 +61,6 @@ def predict(
     Raises:
         ToolkitError: an answer is not finite, or a part does not fit the GPU.
     """
-    import torch
 
     def ask(chosen: list[int]) -> torch.Tensor:
         if isinstance(images, torch.Tensor):
@@ -97,8 +94,6 @@ def ask_in_parts(
     Raises:
         ToolkitError: a `BadAnswer`, with the image's name; a part does not fit the GPU.
     """
-    import torch
-
     size = part if device == "cpu" else CUDA_PART
     parts = [range(start, min(start + size, count)) for start in range(0, count, size)]
     rows: dict[int, torch.Tensor] = {}
@@ -136,8 +131,6 @@ def predict_stream(
     Raises:
         ToolkitError: as `predict`.
     """
-    import torch
-
     on_cpu, rest = network.device == "cpu", iter(images)
     part = CPU_PART if on_cpu else CUDA_PART
     # a part for each thread: more would only cost memory
@@ -151,8 +144,6 @@ def predict_stream(
 
 def rank_true(logits: "torch.Tensor", classes: "torch.Tensor") -> "torch.Tensor":
     """(n,) place of each image's class among the guesses (n, classes), from 1; ties go to the lower index."""
-    import torch
-
     true = classes.to(logits.device)[:, None]
     own = logits.gather(1, true)
     earlier = torch.arange(logits.shape[1], device=logits.device) < true
@@ -162,8 +153,6 @@ def rank_true(logits: "torch.Tensor", classes: "torch.Tensor") -> "torch.Tensor"
 
 def read_answer(logits: "torch.Tensor", true_index: int) -> RankedAnswer:
     """Return the answer to an image of a class from (classes,) logits of `predict`."""
-    import torch
-
     chances, first = logits.softmax(0), int(logits.argmax())
     (rank,) = rank_true(logits[None], torch.tensor([true_index])).tolist()
     return RankedAnswer(first, float(chances[first]), float(chances[true_index]), rank)

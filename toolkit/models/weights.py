@@ -10,7 +10,6 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 from zipfile import BadZipFile, ZipFile
 
 from pydantic import ValidationError
@@ -19,12 +18,10 @@ from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.console import is_quiet, notice_once
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import explain_validation, sha256_file
+from toolkit.core.lazy import torch
 from toolkit.core.text import join_words
 from toolkit.models.architectures import published_weights
 from toolkit.models.labels import LabelsFile, find_labels
-
-if TYPE_CHECKING:
-    import torch
 
 FOLDER_VARIABLE = "TOOLKIT_WEIGHTS"
 SUFFIXES = (".pth", ".pt", ".ckpt", ".safetensors")
@@ -230,8 +227,6 @@ def _rename(state: "dict[str, torch.Tensor]", rename: Callable[[str], str | None
 
 def _is_parameter(name: object, value: object) -> bool:
     """Whether this is a name with numbers that a network can take: real, dense, not quantised, in memory."""
-    import torch
-
     return (
         isinstance(name, str) and isinstance(value, torch.Tensor) and value.layout == torch.strided
         and not value.is_quantized and value.device.type == "cpu" and not value.is_complex()
@@ -293,7 +288,6 @@ def name_prefix(state: "Iterable[str]") -> str:
 def _load(path: Path) -> object:
     import pickle
 
-    import torch
     from safetensors import SafetensorError
     from safetensors.torch import load_file
 
@@ -397,8 +391,6 @@ def find_commit(repo: str, filename: str, revision: str | None) -> str:
 def download(arch: str, url: str, timeout_s: float = DOWNLOAD_TIMEOUT_S) -> Path:
     """Download a published file into torch's cache, checked against the hash in its name; else a `ToolkitError`."""
     from http.client import HTTPException
-
-    import torch
 
     name = url.rsplit("/", 1)[-1]
     target = cache_dir() / name

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.lazy import scipy
 from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb
 from toolkit.objects.mesh import Material, Mesh, cross_products, flat_areas, group_rows
 from toolkit.objects.paint import COLOURS
@@ -97,12 +98,10 @@ def _runs(row: np.ndarray, left: np.ndarray, right: np.ndarray, n: int) -> np.nd
 
 def nearest_covered(covered: np.ndarray) -> np.ndarray:
     """(n, n) int64 flat index of the nearest covered texel of each, across borders, as filters do; (n, n) bool."""
-    from scipy.ndimage import distance_transform_edt
-
     n = len(covered)
     around = n // 2  # nothing is nearer across a border than half a texture
     wrapped = np.pad(~covered, around, mode="wrap")
-    row, column = distance_transform_edt(wrapped, return_distances=False, return_indices=True)
+    row, column = scipy.ndimage.distance_transform_edt(wrapped, return_distances=False, return_indices=True)
     inner = slice(around, around + n)
     return ((row[inner, inner] - around) % n).astype(np.int64) * n + (column[inner, inner] - around) % n
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from toolkit.core.lazy import scipy, shapely
 from toolkit.objects.mesh import Mesh, connected_parts, cross_products, group_places, signed_areas
 
 THINNEST = 1e-3
@@ -92,9 +93,6 @@ def relax(corners: np.ndarray, points_of: np.ndarray, flat: np.ndarray, steps: i
     Returns:
         (n, 2).
     """
-    from scipy.sparse import coo_array, csc_array
-    from scipy.sparse.linalg import splu
-
     own = lay_triangles(corners)
     edges = np.roll(own, -1, axis=1) - own
     twice = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
@@ -105,12 +103,14 @@ def relax(corners: np.ndarray, points_of: np.ndarray, flat: np.ndarray, steps: i
     start, end = points_of.reshape(-1), np.roll(points_of, -1, axis=1).reshape(-1)
     w, n = weight.reshape(-1), len(flat)
     rows, columns = np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start])
-    laplacian = coo_array((np.concatenate([w, w, -w, -w]), (rows, columns)), shape=(n, n)).tocsc()
+    laplacian = scipy.sparse.coo_array((np.concatenate([w, w, -w, -w]), (rows, columns)), shape=(n, n)).tocsc()
     # a touch on the diagonal holds the whole where it is, which no edge does
     held = 1e-8 * float(np.abs(laplacian.diagonal()).mean())
-    diagonal = coo_array((np.full(n, held), (np.arange(n), np.arange(n))), shape=(n, n))
+    diagonal = scipy.sparse.coo_array((np.full(n, held), (np.arange(n), np.arange(n))), shape=(n, n))
     # factorised once: each global step is then two triangular solves
-    solver = splu(csc_array(laplacian + diagonal), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+    solver = scipy.sparse.linalg.splu(
+        scipy.sparse.csc_array(laplacian + diagonal), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+    )
     # x and y apart: sums over an axis of two or three numbers take most of the time
     along, up = (edges[..., axis].flatten() for axis in range(2))
     for _ in range(steps):
@@ -159,8 +159,6 @@ def weighted_percentile(values: np.ndarray, weights: np.ndarray, share: float) -
 
 def find_overlaps(flat: np.ndarray, later: np.ndarray) -> np.ndarray:
     """(k,) bool: triangles (k, 3, 2) that overlap another; of each two, that which comes `later`."""
-    import shapely
-
     over = np.zeros(len(flat), bool)
     # drawn in by a hair, so that neighbours do not touch
     middle = flat.mean(axis=1, keepdims=True)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.lazy import scipy
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
@@ -118,11 +119,8 @@ def group_places(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def connected_parts(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(count,) number of the connected part of each item, where items (k,) `first` and `second` are joined."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1])
+    graph = scipy.sparse.coo_array((np.ones(len(first), np.int8), (first, second)), shape=(count, count))
+    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1])
 
 
 def load_open3d() -> Any:
@@ -394,15 +392,13 @@ def _add_paint(digest: "hashlib._Hash", materials: Iterable[Material]) -> None:
             digest.update(np.ascontiguousarray(material.emission).tobytes())
 
 
-def hash_shape(mesh: Mesh, is_exact: bool = False) -> str:
+def hash_shape(mesh: Mesh) -> str:
     """SHA-256 of triangles, texture coordinates and names of materials: what a texture is trained for.
 
-    Paint does not count. Coordinates are rounded, as machines differ; `is_exact`: to the last bit, for older records.
+    Paint does not count. Coordinates are rounded, as machines differ.
     """
 
     def round_off(values: np.ndarray, grain: float) -> np.ndarray:
-        if is_exact:
-            return values + 0.0  # turns -0.0 into 0.0
         # not to the nearest: half a grain is where modelled coordinates like to lie
         return np.floor(values / np.float64(grain) + 0.382).astype(np.int64)
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
+from toolkit.core.lazy import shapely
 from toolkit.objects.flatten import Region, Surface, lay_triangles
 from toolkit.objects.seams import Edge, find_joined, spread_pieces
 from toolkit.objects.spec import MOST_PIECES
@@ -164,8 +165,6 @@ def name_tabs(
     surface: Surface, pieces: Sequence[FlatPiece], seams: Sequence[Sequence[SeamRecord]]
 ) -> list[list[TabRecord]]:
     """Return the tabs of each net, named as the seams that they are glued at; a notice counts edges without a tab."""
-    import shapely
-
     tabs, missed = find_tabs(surface, pieces)
     owner, _ = spread_pieces(surface, pieces)
     records: list[list[TabRecord]] = [[] for _ in pieces]

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from toolkit.core.lazy import cv2
 from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb
 from toolkit.objects.bake import unfold
 from toolkit.objects.mesh import Material, cross_products
@@ -84,8 +85,6 @@ def plain_material() -> Material:
 
 def tint_texture(texture: np.ndarray, factor: np.ndarray) -> np.ndarray:
     """Multiply colours (..., 3) uint8, sRGB-encoded, by (3,) linear factors."""
-    import cv2
-
     if (factor == 1).all():
         return texture
     codes = np.round(linear_to_srgb(LINEAR_OF_CODE[:, None] * factor) * 255).astype(np.uint8)

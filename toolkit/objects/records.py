@@ -4,21 +4,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 from zlib import error as ZlibError
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    SerializerFunctionWrapHandler,
-    field_validator,
-    model_serializer,
-    model_validator,
-)
+from pydantic import Field, field_validator, model_validator
 
+from toolkit.core.config import FileRecord, Later
 from toolkit.core.console import notice_once
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_bytes, read_json, sha256_bytes, write_bytes, write_json
@@ -30,7 +23,7 @@ SHA256 = r"^[0-9a-f]{64}$"
 MOST_RECORDED_BYTES = 1 << 30
 
 
-class NetworkRecord(BaseModel):
+class NetworkRecord(FileRecord):
     """A network, exactly.
 
     Attributes:
@@ -40,18 +33,13 @@ class NetworkRecord(BaseModel):
             records and of programs.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     arch: str
     weights: str
     sha256: str
-    tensors_sha256: str | None = None
-
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {name: value for name, value in dump(self).items() if name != "tensors_sha256" or value is not None}
+    tensors_sha256: Annotated[str | None, Later()] = None
 
 
-class BoosterRecord(BaseModel):
+class BoosterRecord(FileRecord):
     """The training of a picture.
 
     Attributes:
@@ -67,7 +55,6 @@ class BoosterRecord(BaseModel):
         toolkit_version: version of the program that trained it.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     schema_version: int = 1
     name: str
     class_name: Label
@@ -156,11 +143,7 @@ class PatchRecord(BoosterRecord):
     """
 
     size_mm: float = Field(gt=0)
-    margin: Margin = "white"
-
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {name: value for name, value in dump(self).items() if name != "margin" or value != "white"}
+    margin: Annotated[Margin, Later()] = "white"
 
 
 @dataclass(frozen=True)
@@ -232,7 +215,7 @@ MAX_ARRAY_BYTES = 1 << 29
 KEEP_LEVEL = 128
 
 
-class TexturedObjectRecord(BaseModel):
+class TexturedObjectRecord(FileRecord):
     """An object that a texture was trained on.
 
     Attributes:
@@ -245,11 +228,10 @@ class TexturedObjectRecord(BaseModel):
         glb_sha256: hash of the exported object with the texture, if any. Not checked: other programs may save it again.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     name: FileName
     mesh_sha256: str = Field(pattern=SHA256)
     unwrapped: bool = False
-    keep: list[str] = []
+    keep: list[str] = Field([])
     keep_image_sha256: str | None = Field(None, pattern=SHA256)
     uv_sha256: str | None = Field(None, pattern=SHA256)
     glb_sha256: str | None = Field(None, pattern=SHA256)

@@ -5,8 +5,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     SerializerFunctionWrapHandler,
     ValidatorFunctionWrapHandler,
@@ -15,7 +13,7 @@ from pydantic import (
     model_validator,
 )
 
-from toolkit.core.config import Config, Expect, Flag
+from toolkit.core.config import Config, Expect, FileRecord, Flag
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, read_toml, write_text
 from toolkit.core.rooms import explain_missing
@@ -55,7 +53,7 @@ def axes_of_format(mesh: str) -> tuple[Axis, Axis]:
     return ("y", "z") if Path(mesh).suffix.lower() in (".glb", ".gltf") else ("z", "x")
 
 
-class PatchMount(BaseModel):
+class PatchMount(FileRecord, allow_inf_nan=False):
     """Place of the printed sheet.
 
     Attributes:
@@ -66,14 +64,13 @@ class PatchMount(BaseModel):
         rotation_deg: rotation of the sheet, counter-clockwise, seen from outside.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     at: Side = "top"
     size_mm: float | None = Field(None, ge=1, le=10_000)
     offset_mm: tuple[Shift, Shift] = (0.0, 0.0)
     rotation_deg: float = 0.0
 
 
-class ObjectSpec(BaseModel):
+class ObjectSpec(FileRecord, populate_by_name=True):
     """An object that can be photographed.
 
     Attributes:
@@ -87,7 +84,6 @@ class ObjectSpec(BaseModel):
         mounts: places of the patch: a sheet for each table `[patch]` or `[[patch]]`.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
     name: FileName = ""
     class_name: LabelOrIndex = Field(alias="class")
     mesh: str = ""

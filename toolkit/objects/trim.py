@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from toolkit.core.lazy import cv2, scipy
 from toolkit.objects.flatten import (
     FLAT_MM2,
     Region,
@@ -213,10 +214,8 @@ def make_piece(surface: Surface, region: Region, sheet_mm: tuple[float, float]) 
 
 def turn_to_fit(flat: np.ndarray, sheet_mm: tuple[float, float]) -> tuple[np.ndarray, bool]:
     """Turn a piece (k, 3, 2) so that its box is smallest, and return whether it fits on the sheet, either way round."""
-    from scipy.spatial import ConvexHull
-
     hull = flat.reshape(-1, 2)
-    hull = hull[ConvexHull(hull).vertices]
+    hull = hull[scipy.spatial.ConvexHull(hull).vertices]
     sides = np.roll(hull, -1, axis=0) - hull
     # the smallest box has a side along a side of the hull (Freeman and Shapira 1975)
     angles = np.arctan2(sides[:, 1], sides[:, 0])
@@ -234,8 +233,6 @@ def turn(flat: np.ndarray, angle: float) -> np.ndarray:
 
 def _draw(flat: np.ndarray) -> np.ndarray:
     """(h, w) uint8 picture of flat triangles (k, 3, 2), `PIXEL_MM` a pixel, with a border of two."""
-    import cv2
-
     low = flat.reshape(-1, 2).min(axis=0)
     places = (flat - low) / PIXEL_MM + 2
     wide, high = np.ceil(places.reshape(-1, 2).max(axis=0)).astype(int) + 3
@@ -247,8 +244,6 @@ def _draw(flat: np.ndarray) -> np.ndarray:
 
 def _on_necks(flat: np.ndarray) -> np.ndarray:
     """(k,) bool: faces of which half lies where the piece is narrower than `NECK_MM`."""
-    import cv2
-
     picture = _draw(flat)
     side = round(NECK_MM / PIXEL_MM)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
@@ -262,6 +257,4 @@ def _on_necks(flat: np.ndarray) -> np.ndarray:
 
 def is_wide(flat: np.ndarray) -> bool:
     """Whether a circle of `NARROWEST_MM` fits into the piece."""
-    import cv2
-
     return float(cv2.distanceTransform(_draw(flat), cv2.DIST_L2, 5).max()) * PIXEL_MM >= NARROWEST_MM / 2 - PIXEL_MM

@@ -4,20 +4,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
-    model_validator,
-)
+from pydantic import Field, model_validator
 
+from toolkit.core.config import FileRecord, Later
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
+from toolkit.core.lazy import shapely
 from toolkit.core.text import FileName, Label
 from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.objects.atlas import split_vertices
@@ -84,8 +79,6 @@ class FlatPiece:
 
     @cached_property
     def _outline(self) -> "Polygon":
-        import shapely
-
         # rounded to a millionth of a millimetre: the same corners have the same bits
         triangles = shapely.polygons(np.round(self.flat_mm[flat_areas(self.flat_mm) > 0], 6))
         whole = shapely.coverage_union_all(triangles)
@@ -96,7 +89,7 @@ class FlatPiece:
         return whole
 
 
-class SeamRecord(BaseModel):
+class SeamRecord(FileRecord):
     """A part of a piece's edge that meets another piece, or the piece itself.
 
     Attributes:
@@ -106,7 +99,6 @@ class SeamRecord(BaseModel):
         middle_mm: point of the edge halfway between.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     piece: int = Field(ge=1, le=MOST_PIECES)
     letter: str = Field(max_length=3)
     from_mm: Point
@@ -114,7 +106,7 @@ class SeamRecord(BaseModel):
     middle_mm: Point
 
 
-class TabRecord(BaseModel):
+class TabRecord(FileRecord):
     """A glue tab of a net.
 
     Attributes:
@@ -123,13 +115,12 @@ class TabRecord(BaseModel):
         outline_mm: four points; it is folded back at the edge between the first two.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     piece: int = Field(ge=1, le=MOST_PIECES)
     letter: str = Field(max_length=3)
     outline_mm: list[Point] = Field(min_length=4, max_length=4)
 
 
-class PieceRecord(BaseModel):
+class PieceRecord(FileRecord):
     """A piece on the canvas.
 
     Attributes:
@@ -145,7 +136,6 @@ class PieceRecord(BaseModel):
         png_sha256: hash of its picture.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     number: int = Field(ge=1, le=MOST_PIECES)
     map_index: int | None = Field(None, ge=0, lt=MOST_PIECES)
     origin_px: tuple[int, int]
@@ -154,10 +144,10 @@ class PieceRecord(BaseModel):
     area_mm2: float = Field(gt=0)
     stretch: float = Field(ge=0)
     outline_mm: list[list[Point]] = Field(min_length=1)
-    seams: list[SeamRecord] = []
-    folds_mm: list[tuple[Point, Point]] = []
-    valleys_mm: list[tuple[Point, Point]] = []
-    tabs: list[TabRecord] = []
+    seams: list[SeamRecord] = Field([])
+    folds_mm: list[tuple[Point, Point]] = Field([])
+    valleys_mm: list[tuple[Point, Point]] = Field([])
+    tabs: list[TabRecord] = Field([])
     png_sha256: str = Field(pattern=SHA256)
 
     @property
@@ -166,7 +156,7 @@ class PieceRecord(BaseModel):
         return self.number - 1 if self.map_index is None else self.map_index
 
 
-class RankedPiece(BaseModel):
+class RankedPiece(FileRecord):
     """A piece of the plan, in the order of their gain.
 
     Attributes:
@@ -175,16 +165,14 @@ class RankedPiece(BaseModel):
         mean_log_prob: mean log-probability of the class in those views.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     number: int = Field(ge=1, le=MOST_PIECES)
     recognised: float = Field(ge=0, le=1)
     mean_log_prob: float
 
 
-class WrapTraining(BaseModel):
+class WrapTraining(FileRecord):
     """Training of the pieces' picture: as `BoosterRecord`, the misfit that was drawn, and the pieces' ranks."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     class_index: int = Field(ge=0)
     networks: list[NetworkRecord]
     data: dict[str, Any]
@@ -192,11 +180,11 @@ class WrapTraining(BaseModel):
     settings: dict[str, Any]
     final: dict[str, float]
     misfit: dict[str, Any]
-    ranking: list[RankedPiece] = []
+    ranking: list[RankedPiece] = Field([])
     toolkit_version: str
 
 
-class PictureRecord(BaseModel):
+class PictureRecord(FileRecord):
     """A picture that existed before the wrap.
 
     Attributes:
@@ -205,13 +193,12 @@ class PictureRecord(BaseModel):
         pattern_mm: length of its longer side if it repeats; None if it is in the object's texture coordinates.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     name: Label
     sha256: str = Field(pattern=SHA256)
     pattern_mm: float | None = None
 
 
-class WrapRecord(BaseModel):
+class WrapRecord(FileRecord):
     """A wrap's plan, and how it was trained.
 
     Attributes:
@@ -231,7 +218,6 @@ class WrapRecord(BaseModel):
         picture: a picture that existed before; not written without any.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     schema_version: Literal[1] = 1
     name: FileName
     object: FileName
@@ -247,11 +233,7 @@ class WrapRecord(BaseModel):
     plan: list[PieceRecord] = Field([], max_length=MOST_PIECES)
     map_sha256: str = Field(pattern=SHA256)
     booster: WrapTraining | None = None
-    picture: PictureRecord | None = None
-
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {name: value for name, value in dump(self).items() if name != "picture" or value is not None}
+    picture: Annotated[PictureRecord | None, Later()] = None
 
     @property
     def what_is_on_it(self) -> str | None:
@@ -497,7 +479,7 @@ def wrap_folder(workspace: Workspace, item: TableObject) -> Path | None:
     known = dict(sorted(workspace.wraps().items()))
     for name, record in read_usable(lambda folder: read_json(folder / RECORD_FILE, WrapRecord), known, item.name):
         is_own = not known[name].is_relative_to(PACKAGE_DATA)
-        if record.object == item.name and (is_own or item.has_shape(record.mesh_sha256)):
+        if record.object == item.name and (is_own or item.shape_sha256 == record.mesh_sha256):
             return known[name]
     return None
 
@@ -510,7 +492,7 @@ def hash_wrap(record: WrapRecord) -> str:
 def check_wrap(wrap: Wrap, item: TableObject) -> None:
     """Raise a `ToolkitError` if a wrap is of another mesh than an object's."""
     faces = max(int(piece.faces.max()) for piece in wrap.pieces)
-    if not item.has_shape(wrap.record.mesh_sha256) or faces >= len(item.mesh.faces):
+    if item.shape_sha256 != wrap.record.mesh_sha256 or faces >= len(item.mesh.faces):
         raise ToolkitError(
             f"wrap '{wrap.record.name}' was made for another mesh or size of '{item.name}': "
             f"make it again with 'toolkit wrap --object {item.name}'"

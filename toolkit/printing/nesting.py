@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from toolkit.core.lazy import scipy, shapely
 from toolkit.printing.page import Rect
 
 if TYPE_CHECKING:
@@ -75,8 +76,6 @@ def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
 
 def _draw_turns(shape: "Polygon") -> Iterator[_Mask]:
     """Turn the shape by each quarter."""
-    import shapely
-
     # fattened, so that every cell that the shape touches counts as taken
     fat = shape.buffer(TOUCHED_MM, quad_segs=4)
     low_x, low_y, _, _ = shape.bounds
@@ -119,12 +118,10 @@ def _fill(
 
 def _find_spot(taken: np.ndarray, cells: np.ndarray) -> tuple[int, int] | None:
     """Return row from the top and column of the topmost, then leftmost place of a page where no cell is taken."""
-    from scipy.signal import fftconvolve
-
     if cells.shape[0] > taken.shape[0] or cells.shape[1] > taken.shape[1]:
         return None
     # correlation; the page's rows run downwards, the shape's upwards, so that a single flip is left
-    shared = fftconvolve(taken.astype(np.float32), cells[:, ::-1].astype(np.float32), mode="valid")
+    shared = scipy.signal.fftconvolve(taken.astype(np.float32), cells[:, ::-1].astype(np.float32), mode="valid")
     # the sums are whole numbers but for the transform's rounding
     free = np.flatnonzero(shared < 0.5)
     if not len(free):

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from toolkit.core.lazy import shapely
 from toolkit.objects.wrap import BLEED_MM
 from toolkit.printing.canvas import Point
 
@@ -31,8 +32,6 @@ class PlaceFinder:
     """Finds paper for words round a piece: off its bleed, off other words, and on its own part of the page."""
 
     def __init__(self, size_mm: Point, outline: "Polygon", room_mm: tuple[float, float]) -> None:
-        import shapely
-
         self._size, self._room = np.array(size_mm), np.array(room_mm)
         self._bleed = outline.buffer(BLEED_MM + 0.2, quad_segs=4).simplify(0.1)
         shapely.prepare(self._bleed)
@@ -40,16 +39,12 @@ class PlaceFinder:
 
     def footprint(self) -> "Polygon":
         """Return the area of the piece with its bleed, a little paper and its words."""
-        import shapely
-
         whole = shapely.union_all([self._bleed.buffer(APART_MM), *(word.buffer(APART_MM) for word in self._words)])
         # out and in again closes gaps narrower than twice the distance
         return whole.buffer(APART_MM).buffer(-APART_MM)
 
     def _take_first(self, places: np.ndarray, width: float, height: float) -> Point | None:
         """Take the first of places (k, 2) about which a box is free."""
-        import shapely
-
         half = np.array([width / 2 + 0.2, height / 2 + 0.1])
         low, high = places - half, places + half
         spare = self._room - 0.2
@@ -76,8 +71,6 @@ class PlaceFinder:
 
     def anywhere(self, width: float, height: float) -> Point | None:
         """Return the middle of the free paper nearest to the piece, above and left first, if any."""
-        import shapely
-
         (left, low), (right, high) = -self._room, self._size + self._room
         # fine steps only where needed: room beside a straight edge may be hardly wider than the words
         for step in STEPS_MM:
@@ -118,8 +111,6 @@ def place_numbers(
 
 def box_about(at: Point, width: float) -> "Polygon":
     """Return the paper of a row of words of this width about its middle."""
-    import shapely
-
     half_w, half_h = width / 2 + 0.3, NUMBER_HIGH_MM / 2 + 0.2
     return shapely.box(at[0] - half_w, at[1] - half_h, at[0] + half_w, at[1] + half_h)
 
@@ -127,8 +118,6 @@ def box_about(at: Point, width: float) -> "Polygon":
 def _find_free(
     room: "Polygon", solid: "Polygon", taken: "Sequence[Polygon]", width: float, step: float, near_mm: float | None
 ) -> Point | None:
-    import shapely
-
     left, low, right, high = room.bounds
     if near_mm is not None:
         x0, y0, x1, y1 = solid.bounds
@@ -154,7 +143,6 @@ def _find_free(
 
 def smooth_outline(outline: "Polygon") -> "Polygon":
     """Remove teeth and slits from an outline that are too narrow for scissors; longer slits and strips stay."""
-    import shapely
 
     def widen(shape: "Polygon", by_mm: float) -> "Polygon":
         return shape.buffer(by_mm, join_style="mitre", mitre_limit=3)

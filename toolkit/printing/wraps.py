@@ -9,6 +9,7 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.core.files import write_bytes
+from toolkit.core.lazy import scipy, shapely
 from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
@@ -289,8 +290,6 @@ def _describe_wrap(wrap: Wrap, item: TableObject) -> tuple[PatchLabel, dict[str,
 
 def _draw_nested(pdf: Pdf, wrap: Wrap, layout: "_Layout", label: PatchLabel) -> Iterator[PlacedPiece]:
     """Draw the pages with several pieces each."""
-    import shapely
-
     paper = layout.frame.paper
     for number, (nested, strip) in enumerate(layout.pages, start=2):
         sheets = [layout.sheets[place.index] for place in nested]
@@ -442,15 +441,11 @@ def _write_round(
 
 
 def _as_box(area: Rect) -> "Polygon":
-    import shapely
-
     return shapely.box(area.x, area.y, area.right, area.top)
 
 
 def _join_tabs(wrap: Wrap, index: int) -> "Polygon":
     """Return the outline of a piece with its glue tabs."""
-    import shapely
-
     outline, tabs = wrap.pieces[index].outline(), wrap.record.pieces[index].tabs
     if not tabs:
         return outline
@@ -546,9 +541,6 @@ def _picture_to_bleed(wrap: Wrap, index: int) -> tuple[np.ndarray, int]:
 
     Glue tabs and the bleed round them go on with the colour at the edge: a tab that shows in a gap is not white.
     """
-    import shapely
-    from scipy.ndimage import distance_transform_edt
-
     record, texel_mm, edge_px = wrap.record.pieces[index], wrap.record.texel_mm, wrap.record.bleed_px
     picture = wrap.picture(index)
     if not record.tabs:
@@ -561,14 +553,12 @@ def _picture_to_bleed(wrap: Wrap, index: int) -> tuple[np.ndarray, int]:
     outline = wrap.pieces[index].outline()
     off = ~shapely.contains_xy(outline, (x - edge_px) * texel_mm, (y - edge_px) * texel_mm)
     # nearest texel of the piece for each pixel outside of it: the colour at the edge goes on
-    row, column = distance_transform_edt(off, return_distances=False, return_indices=True)
+    row, column = scipy.ndimage.distance_transform_edt(off, return_distances=False, return_indices=True)
     return picture[row, column], edge_px
 
 
 def _draw_tick(pdf: Pdf, end: Point, bleed: "Polygon") -> None:
     """A short line that leads away from where a seam ends, beyond the bleed."""
-    import shapely
-
     point = shapely.Point(end)
     near = bleed.boundary.interpolate(bleed.boundary.project(point))
     away = point.distance(near)
@@ -579,8 +569,6 @@ def _draw_tick(pdf: Pdf, end: Point, bleed: "Polygon") -> None:
 
 def _draw_leaders(pdf: Pdf, sheet: _Sheet, here: PlacedPiece, number_at: Point | None) -> None:
     """Fine lines from words that found no paper near what they are about."""
-    import shapely
-
     pdf.ink(SOFT, 0.1)
     ends = [here.to_page(np.array([label.at, label.about])) for label in sheet.letters]
     if number_at is not None:

@@ -5,14 +5,11 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from toolkit.core.errors import FieldError
 from toolkit.core.files import delete_file, delete_folder, sha256_bytes, write_bytes
+from toolkit.core.lazy import np
 from toolkit.core.work import INPUTS
-
-if TYPE_CHECKING:
-    import numpy as np
 
 FORMAT = "toolkit training checkpoint 1"
 
@@ -46,7 +43,6 @@ class Checkpoint:
         Raises:
             ToolkitError: the disk is full or read-only.
         """
-        import numpy as np
         from safetensors.numpy import save
 
         # safetensors writes the bytes as they lie in memory

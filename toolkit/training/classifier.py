@@ -10,6 +10,7 @@ from toolkit.core.errors import FieldError
 from toolkit.core.files import delete_folder
 from toolkit.core.records import hold_folder
 from toolkit.core.text import join_words
+from toolkit.core.work import WorkResult
 from toolkit.core.workspace import Workspace
 from toolkit.models.find import ClassifierRecord
 from toolkit.models.load import load_classifier
@@ -36,36 +37,26 @@ RENDERS = ("data-*",)
 """Folders beside the checkpoints that other runs may need."""
 
 
-@dataclass(frozen=True)
-class TrainedClassifier:
+@dataclass(frozen=True, kw_only=True)
+class TrainedClassifier(WorkResult):
     """Result of a run.
 
     Attributes:
         file: the weights; the record lies beside them.
         record: how they came to be.
-        skipped: (path, reason) of images that could not be used.
-        resumed_from: steps that an earlier run had made; all of them when the classifier was finished before.
-        was_finished: whether there was nothing left to do.
     """
 
     file: Path
     record: ClassifierRecord
-    skipped: tuple[tuple[str, str], ...]
-    resumed_from: int
-    was_finished: bool
 
     def as_json(self) -> dict[str, Any]:
         """All of it for a script."""
-        return {
-            "classifier": str(self.file), "was_finished": self.was_finished, "resumed_from": self.resumed_from,
-            "skipped": [{"path": path, "reason": reason} for path, reason in self.skipped],
-            "record": self.record.model_dump(mode="json"),
-        }  # fmt: skip
+        return {"classifier": str(self.file), **self.describe_run(), "record": self.record.model_dump(mode="json")}
 
     def lines(self) -> Iterator[str]:
         """What it is, or that it was there."""
         if self.was_finished:
-            yield f"{self.file} was trained with these inputs before: nothing to do; --restart trains it again"
+            yield self.was_there(self.file)
         else:
             size_mb, record = self.file.stat().st_size / 1e6, self.record
             yield f"{self.file}: {record.arch}, {len(record.labels)} classes, {size_mb:.1f} MB"
@@ -115,7 +106,10 @@ def train_classifier(
     task = ClassifierTask(config, inputs, folder / f"{config.name}.safetensors", device)
     checkpoint = Checkpoint(training, task.key, restart, checkpoint_every_s, () if keep_data else RENDERS)
     fitted = fit(task, config.fit_config(len(data.train.images)), checkpoint)
-    return TrainedClassifier(task.file, fitted.made, data.skipped, fitted.resumed_from, fitted.was_finished)
+    return TrainedClassifier(
+        file=task.file, record=fitted.made, skipped=data.skipped, resumed_from=fitted.resumed_from,
+        was_finished=fitted.was_finished,
+    )  # fmt: skip
 
 
 def open_sources(data: Sequence[str], workspace: Workspace, counts: RenderCounts, download: bool) -> list[DataSource]:

@@ -10,14 +10,12 @@ from pydantic import AfterValidator, BeforeValidator, Field, computed_field, mod
 
 from toolkit.core.config import Config, Expect, Flag, Later
 from toolkit.core.errors import FieldError, one_of
+from toolkit.core.lazy import np, torch
 from toolkit.core.text import is_folder_name
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import build_network, list_architectures, published_weights
 
 if TYPE_CHECKING:
-    import numpy as np
-    import torch
-
     from toolkit.training.loop import FitConfig
 
 
@@ -324,8 +322,6 @@ def check_fit(arch: str, classes: int, image_px: int) -> None:
     Raises:
         ToolkitError: images of this size are too small, or not of the size that the network takes.
     """
-    import torch
-
     try:
         with torch.device("meta"):
             build_network(arch, classes).train()(torch.zeros(2, 3, image_px, image_px))

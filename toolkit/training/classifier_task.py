@@ -21,6 +21,7 @@ from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.corruptions.batch import corrupt, draw_corrupted
+from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.architectures import build_network
 from toolkit.models.find import ClassifierRecord, ClassShare, HeldOut, UnderAttack
 from toolkit.models.network import Classifier
@@ -405,17 +406,11 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
             config.arch, self.module, labels, how, weights, self._device, is_imagenet=False, name=config.name
         )
         own = {"precision": self._precision, INPUTS: self.key}
-        record = ClassifierRecord(
-            name=config.name, arch=config.arch, trained_on=self.inputs.words[0], labels=labels, resize_px=how.resize_px,
-            crop_px=how.crop_px, mean=how.mean, std=how.std, filter_name=how.filter_name, data=data.record,
+        return write_classifier(
+            self.file, content, how, arch=config.arch, trained_on=self.inputs.words[0], labels=labels, data=data.record,
             seed=config.seed, settings=config.settings(self.inputs.pictures) | own,
-            final=history.recent(self.recent), held_out=self._measure_held_out(classifier), sha256=weights.sha256,
-            toolkit_version=__version__,
+            final=history.recent(self.recent), held_out=self._measure_held_out(classifier),
         )  # fmt: skip
-        # the record last: where it is, the weights are whole
-        write_bytes(self.file, content)
-        write_json(self.file.with_suffix(".json"), record.model_dump(mode="json"))
-        return record
 
     def _measure_held_out(self, classifier: Classifier) -> HeldOut:
         """Classify the held-out images through the classifier's own preprocessing, in single precision."""
@@ -470,6 +465,23 @@ def choose_images(seed: int, step: int, batch: int, count: int) -> np.ndarray:
     order = np.random.default_rng([seed, epoch, 0x0E]).permutation(count)
     # sorted: images lie in a file, which is read forwards
     return np.sort(order[k * batch : (k + 1) * batch])
+
+
+def write_classifier(file: Path, content: bytes, how: Preprocessing, **about: Any) -> ClassifierRecord:
+    """Write a classifier's file and its record, of which `about` has what file and preprocessing do not say.
+
+    Raises:
+        ToolkitError: the disk is full or read-only.
+    """
+    record = ClassifierRecord(
+        name=file.stem, resize_px=how.resize_px, crop_px=how.crop_px, mean=how.mean, std=how.std,
+        filter_name=how.filter_name, channels="BGR" if how.channels == "BGR" else None, squash=how.squash or None,
+        sha256=sha256_bytes(content), toolkit_version=__version__, **about,
+    )  # fmt: skip
+    # the record last: where it is, the weights are whole
+    write_bytes(file, content)
+    write_json(file.with_suffix(".json"), record.model_dump(mode="json"))
+    return record
 
 
 def find_finished(file: Path, key: str) -> ClassifierRecord | None:

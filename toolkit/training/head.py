@@ -9,17 +9,18 @@ from torch.nn.functional import cross_entropy, linear, normalize
 
 from toolkit.core.console import progress
 from toolkit.core.files import delete_folder, sha256_json, write_bytes
+from toolkit.core.lazy import scipy
 from toolkit.core.records import hold_folder
 from toolkit.core.text import join_words
 from toolkit.core.work import INPUTS
 from toolkit.core.workspace import Workspace
-from toolkit.models.heads import LEAST_LENGTH, Head
+from toolkit.models.heads import LEAST_LENGTH, Head, join_head
 from toolkit.models.network import Classifier, check_finite
 from toolkit.training.classifier import TrainedClassifier, describe_data, open_sources
-from toolkit.training.classifier_task import find_finished, summarise_answers
+from toolkit.training.classifier_task import find_finished, summarise_answers, write_classifier
 from toolkit.training.data import Pack, RenderCounts, list_classes, load_training_set
 from toolkit.training.head_config import HeadConfig
-from toolkit.training.joined import choose_file, name_encoder, write_joined
+from toolkit.training.joined import choose_file, name_encoder
 
 METHODS = {"linear": "multinomial logistic regression on features, L-BFGS", "nearest-mean": "nearest mean of features"}
 VERSION = 1
@@ -66,7 +67,7 @@ def train_head(
         settings = {"method": METHODS[config.kind], **config.record(), **name_encoder(encoder)}
         inputs = sha256_json([VERSION, settings, data.labels, data.train.sha256, data.held_out.sha256])
         if not restart and (record := find_finished(file, inputs)) is not None:
-            return TrainedClassifier(file, record, data.skipped, 0, was_finished=True)
+            return TrainedClassifier(file=file, record=record, skipped=data.skipped, was_finished=True)
         features, held_out = (
             _compute_features(encoder, pack, kept / f"features-{inputs[:16]}", name)
             for name, pack in (("train", data.train), ("held-out", data.held_out))
@@ -77,14 +78,14 @@ def train_head(
         answers = head(held_out).argmax(1).numpy()
         words = join_words(source.words for source in sources)
         what = "; ".join(dict.fromkeys(source.held_out_words for source in sources))
-        record = write_joined(
-            file, encoder, head, labels=list(data.labels), trained_on=f"{words}, by features of {encoder.name}",
-            data=data.record, seed=config.seed, settings={**settings, INPUTS: inputs},
-            final=_measure(head(features), truth),
+        record = write_classifier(
+            file, join_head(encoder, head), encoder.preprocessing, arch=file.name, labels=list(data.labels),
+            trained_on=f"{words}, by features of {encoder.name}", data=data.record, seed=config.seed,
+            settings={**settings, INPUTS: inputs}, final=_measure(head(features), truth),
             held_out=summarise_answers(list(data.labels), data.held_out.classes, answers, what),
         )  # fmt: skip
         delete_folder(kept)
-    return TrainedClassifier(file, record, data.skipped, 0, was_finished=False)
+    return TrainedClassifier(file=file, record=record, skipped=data.skipped)
 
 
 def _compute_features(encoder: Classifier, pack: Pack, kept: Path, name: str) -> torch.Tensor:
@@ -131,12 +132,10 @@ def fit_linear(features: torch.Tensor, truth: torch.Tensor, l2: float) -> Head:
 
 def fit_means(features: torch.Tensor, truth: torch.Tensor) -> Head:
     """Cosine to each class's mean, of features (n, d) of classes (n,); a scale that fits them best makes it logits."""
-    from scipy.optimize import minimize_scalar
-
     values = normalize(features.double(), eps=LEAST_LENGTH)
     means = normalize(torch.stack([values[truth == k].mean(0) for k in range(int(truth.max()) + 1)]), eps=LEAST_LENGTH)
     cosines = values @ means.T
-    best = minimize_scalar(
+    best = scipy.optimize.minimize_scalar(
         lambda scale: float(cross_entropy(scale * cosines, truth)), bounds=(1, MOST_SCALE), method="bounded"
     )
     return Head(best.x * means, torch.zeros(len(means)), normalise=True)

@@ -1,13 +1,11 @@
-"""Write a classifier that was joined of an encoder and a head, and its record, as any other of the workspace."""
+"""Files of classifiers that are joined of an encoder and a head."""
 
 from pathlib import Path
 from typing import Any
 
-from toolkit import __version__
 from toolkit.core.errors import FieldError
-from toolkit.core.files import sha256_bytes, write_bytes, write_json
-from toolkit.models.find import BUNDLED, SUFFIX, ClassifierRecord, HeldOut
-from toolkit.models.heads import Head, file_suffix, join_head
+from toolkit.models.find import BUNDLED, SUFFIX
+from toolkit.models.heads import file_suffix
 from toolkit.models.labels import DESCRIPTIONS
 from toolkit.models.network import Classifier
 from toolkit.models.weights import SUFFIXES
@@ -36,24 +34,3 @@ def name_encoder(encoder: Classifier) -> dict[str, Any]:
         "encoder": encoder.arch, "encoder_weights": encoder.weights.name, "encoder_sha256": encoder.weights.sha256,
         "encoder_preprocessing": encoder.preprocessing.describe(),
     }  # fmt: skip
-
-
-def write_joined(
-    file: Path, encoder: Classifier, head: Head, *, labels: list[str], trained_on: str, data: dict[str, Any], seed: int,
-    settings: dict[str, Any], final: dict[str, float], held_out: HeldOut,
-) -> ClassifierRecord:  # fmt: skip
-    """Write the file with both parts and, last, its record.
-
-    Raises:
-        ToolkitError: the encoder cannot be exported, or the file cannot be written.
-    """
-    content, how = join_head(encoder, head), encoder.preprocessing
-    record = ClassifierRecord(
-        name=file.stem, arch=file.name, trained_on=trained_on, labels=labels, resize_px=how.resize_px,
-        crop_px=how.crop_px, mean=how.mean, std=how.std, filter_name=how.filter_name,
-        channels="BGR" if how.channels == "BGR" else None, squash=how.squash or None, data=data, seed=seed,
-        settings=settings, final=final, held_out=held_out, sha256=sha256_bytes(content), toolkit_version=__version__,
-    )  # fmt: skip
-    write_bytes(file, content)
-    write_json(file.with_suffix(".json"), record.model_dump(mode="json"))
-    return record

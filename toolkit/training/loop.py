@@ -13,19 +13,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import cos, isfinite, pi
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.files import delete_file
+from toolkit.core.lazy import np, torch
 from toolkit.core.records import hold_folder
 from toolkit.core.work import Work
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.processes import EndedElsewhere, current, follow, lead
-
-if TYPE_CHECKING:
-    import numpy as np
-    import torch
 
 OPTIMISERS = ("sign", "sgd", "adam")
 SCHEDULES = ("constant", "linear", "cosine", "one-cycle")
@@ -111,8 +108,6 @@ class History:
 
     def recent(self, count: int) -> dict[str, float]:
         """Means over the last steps, the loss first: a single batch is noise."""
-        import numpy as np
-
         names = sorted(self.figures, key=lambda name: (name != LOSS, name))  # the same whether or not it was resumed
         return {name: float(np.mean(self.figures[name][-count:])) for name in names}
 
@@ -323,8 +318,6 @@ class _Fitting:
 
         Ctrl-C comes before the parameters are moved or after, never in between.
         """
-        import torch
-
         before: dict[str, torch.Tensor] = {}
         with torch.random.fork_rng(devices=[]):
             try:
@@ -347,8 +340,6 @@ class _Fitting:
                     self.task.buffers()[name].copy_(value)
 
     def _find_gradients(self, step: int) -> dict[str, float]:
-        import torch
-
         draw = int(Draws(self.config.seed, step, self.task.work.kind).of("dropout").integers(2**62))
         # of dropout: another mask in each process, the same masks when the run resumes
         torch.manual_seed(draw + current().rank)
@@ -375,8 +366,6 @@ class _Fitting:
     @contextmanager
     def _climbed(self) -> Iterator[None]:
         """Within, the parameters lie `rho` up their gradient, the way by which the loss rises fastest."""
-        import torch
-
         before = {name: value.detach().clone() for name, value in self._parameters.items()}
         found = {name: value.grad for name, value in self._parameters.items() if value.grad is not None}
         length = torch.stack([gradient.norm() for gradient in found.values()]).norm().clamp_min(TINY)
@@ -391,8 +380,6 @@ class _Fitting:
                     self._parameters[name].copy_(value)
 
     def _move(self, step: int) -> None:
-        import torch
-
         lr = self.config.lr_at(step)
         with torch.no_grad():
             self.task.adjust_gradients(step)
@@ -409,8 +396,6 @@ class _Fitting:
 
     def state(self) -> "dict[str, np.ndarray]":
         """All that a later run needs to go on: parameters, buffers, the optimiser's state, the history."""
-        import numpy as np
-
         tensors = {f"parameter.{name}": value for name, value in self._parameters.items()}
         tensors |= {f"buffer.{name}": value for name, value in self.task.buffers().items()}
         if self._optimiser is not None:
@@ -422,9 +407,6 @@ class _Fitting:
 
     def restore(self, arrays: "Mapping[str, np.ndarray]") -> None:
         """Take up what `state` gave."""
-        import numpy as np
-        import torch
-
         own: dict[str, torch.Tensor] = {f"parameter.{name}": value for name, value in self._parameters.items()}
         own |= {f"buffer.{name}": value for name, value in self.task.buffers().items()}
         with torch.no_grad():
@@ -445,8 +427,6 @@ class _Fitting:
 
 def _make_optimiser(parameters: "list[torch.Tensor]", config: FitConfig) -> "torch.optim.Optimizer | None":
     """None for `sign`, which has no state."""
-    import torch
-
     decayed = [parameter for parameter in parameters if parameter.ndim > 1]
     others = [parameter for parameter in parameters if parameter.ndim <= 1]
     groups = [{"params": decayed, "weight_decay": config.weight_decay}, {"params": others, "weight_decay": 0.0}]

@@ -12,13 +12,10 @@ from dataclasses import dataclass
 from datetime import timedelta
 from io import StringIO
 from time import sleep
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from toolkit.core.errors import FieldError, ToolkitError
-
-if TYPE_CHECKING:
-    import numpy as np
-    import torch
+from toolkit.core.lazy import np, torch
 
 MEETING_S = 300.0
 """How long processes wait for each other at the start."""
@@ -72,8 +69,6 @@ class Processes:
         """Put the mean over all processes into tensors of the same type and device."""
         if self.count == 1:
             return
-        import torch
-
         # a single message for all tensors: many small messages cost more than their bytes
         joined = torch.cat([tensor.reshape(-1) for tensor in tensors])
         with _explained():
@@ -86,8 +81,6 @@ class Processes:
         """The mean of each over all processes."""
         if self.count == 1:
             return figures
-        import torch
-
         values = torch.tensor(list(figures.values()), dtype=torch.float64)
         self.average([values])
         return dict(zip(figures, values.tolist(), strict=True))
@@ -96,8 +89,6 @@ class Processes:
         """The sum over all processes."""
         if self.count == 1:
             return tensor
-        import torch
-
         joined = tensor.detach().clone()
         with _explained():
             torch.distributed.all_reduce(joined)
@@ -107,8 +98,6 @@ class Processes:
         """Let the first process find something alone, and return it in all."""
         if self.count == 1:
             return find()
-        import torch
-
         told: list[Found | None] = [None]
         if self.is_first:
             with _be(ALONE):
@@ -129,8 +118,6 @@ class Processes:
         """Put the first process's values into tensors."""
         if self.count == 1:
             return
-        import torch
-
         with torch.no_grad():
             for tensor in tensors:
                 told = tensor.detach().contiguous()
@@ -152,8 +139,6 @@ class Processes:
             raise ToolkitError("this training cannot be shared by processes: start it without torchrun")
         self.part(batch)
         if device.type == "cuda":
-            import torch
-
             here, devices = int(os.environ["LOCAL_WORLD_SIZE"]), torch.cuda.device_count()
             if here > devices:
                 raise FieldError(
@@ -257,7 +242,6 @@ def joined() -> Iterator[None]:
 
 
 def _meet() -> tuple[Processes, _Meeting]:
-    import torch
     from torch import distributed
 
     where = ":".join(os.environ.get(name, "?") for name in ("MASTER_ADDR", "MASTER_PORT"))

@@ -13,13 +13,12 @@ import torch
 from torch.nn.functional import cross_entropy, kl_div, log_softmax
 from torch.nn.utils import clip_grad_norm_
 
-from toolkit import __version__
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
-from toolkit.core.files import delete_file, delete_folder, read_json, sha256_bytes, write_bytes, write_json
+from toolkit.core.files import delete_file, delete_folder, read_json, write_bytes, write_json
 from toolkit.core.records import hold_folder
-from toolkit.core.work import INPUTS, Work, find_made
+from toolkit.core.work import INPUTS, Work, WorkResult, find_made
 from toolkit.core.workspace import Workspace
 from toolkit.models.architectures import list_architectures
 from toolkit.models.find import AnswerCounts, ClassifierRecord, NetworkSet, Refinement, is_program
@@ -40,6 +39,7 @@ from toolkit.training.classifier_task import (
     load_tensors,
     measure_losses,
     summarise_answers,
+    write_classifier,
 )
 from toolkit.training.data import TrainingSet, keep_classes, load_training_set, open_photographs, store_preprocessing
 from toolkit.training.loop import History, TrainingTask, fit
@@ -236,11 +236,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
             records = []
             for name, step, content in zip(names, self.config.kept_steps, contents, strict=True):
                 after = self._test(self._unpack(content), bar.advance, before.answers)
-                record = self._describe(name, content, step, before, after, history)
-                # the record last: where it is, the weights are whole
-                write_bytes(self._file(name), content)
-                write_json(self._file(name).with_suffix(".json"), record.model_dump(mode="json"))
-                records.append(record)
+                records.append(self._write(name, content, step, before, after, history))
         if len(names) > 1:
             whole = NetworkSet(name=self.config.name, networks=names, inputs_sha256=self.key)
             # a network of this name, of an earlier run, would be found in the place of the set
@@ -292,25 +288,23 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
         taught = clean if taught is None else taught
         return Tested(clean, _count(clean, pack.classes, taught), _count(moved, pack.classes[:most], taught[:most]))
 
-    def _describe(
+    def _write(
         self, name: str, content: bytes, step: int, before: Tested, after: Tested, history: History
     ) -> ClassifierRecord:
-        teacher, data, how = self.inputs.teacher, self.inputs.data, self.inputs.teacher.preprocessing
+        teacher, data = self.inputs.teacher, self.inputs.data
         refined = Refinement(
             teacher=teacher.name, teacher_sha256=teacher.weights.sha256, attack=self.test_attack.record(),
             before=before.clean, after=after.clean, before_attacked=before.attacked, after_attacked=after.attacked,
             step=step,
         )  # fmt: skip
         own = {"precision": self._precision, INPUTS: self.key}
-        return ClassifierRecord(
-            name=name, arch=teacher.arch, trained_on=self.config.words(teacher.name), labels=list(teacher.labels),
-            resize_px=how.resize_px, crop_px=how.crop_px, mean=how.mean, std=how.std, filter_name=how.filter_name,
-            data=data.record, seed=self.config.seed, settings=self.config.record() | own,
-            final=history.recent(self.recent), refined=refined, sha256=sha256_bytes(content),
-            held_out=summarise_answers(
+        return write_classifier(
+            self._file(name), content, teacher.preprocessing, arch=teacher.arch,
+            trained_on=self.config.words(teacher.name), labels=list(teacher.labels), data=data.record,
+            seed=self.config.seed, settings=self.config.record() | own, final=history.recent(self.recent),
+            refined=refined, held_out=summarise_answers(
                 teacher.labels, data.held_out.classes, after.answers, self.inputs.held_out_words
             ),
-            toolkit_version=__version__,
         )  # fmt: skip
 
 
@@ -324,34 +318,26 @@ def _count(answers: np.ndarray, classes: np.ndarray, taught: np.ndarray) -> Answ
     return AnswerCounts(n=len(answers), correct=int((answers == classes).sum()), agreed=int((answers == taught).sum()))
 
 
-@dataclass(frozen=True)
-class RefinedNetworks:
+@dataclass(frozen=True, kw_only=True)
+class RefinedNetworks(WorkResult):
     """Result of a run.
 
     Attributes:
         name: that `--model` takes for all of them.
         folder: of their files.
         records: of each network.
-        skipped: (path, reason) of photographs that could not be used.
-        resumed_from: steps that an earlier run had made.
-        was_finished: whether there was nothing left to do.
     """
 
     name: str
     folder: Path
     records: list[ClassifierRecord]
-    skipped: tuple[tuple[str, str], ...]
-    resumed_from: int
-    was_finished: bool
 
     def as_json(self) -> dict[str, Any]:
         """All of it for a script."""
         return {
             "model": self.name,
             "files": [str(self.folder / f"{record.name}.safetensors") for record in self.records],
-            "was_finished": self.was_finished,
-            "resumed_from": self.resumed_from,
-            "skipped": [{"path": path, "reason": reason} for path, reason in self.skipped],
+            **self.describe_run(),
             "records": [record.model_dump(mode="json") for record in self.records],
         }
 
@@ -418,4 +404,7 @@ def refine_network(
     fitted = fit(
         task, config.fit_config(), Checkpoint(training, task.key, restart, checkpoint_every_s, ("data-*", KEPT))
     )
-    return RefinedNetworks(config.name, folder, fitted.made, data.skipped, fitted.resumed_from, fitted.was_finished)
+    return RefinedNetworks(
+        name=config.name, folder=folder, records=fitted.made, skipped=data.skipped, resumed_from=fitted.resumed_from,
+        was_finished=fitted.was_finished,
+    )  # fmt: skip

@@ -12,12 +12,12 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_json, write_bytes
 from toolkit.core.records import hold_folder
 from toolkit.core.work import INPUTS
-from toolkit.models.heads import Head
+from toolkit.models.heads import Head, join_head
 from toolkit.models.network import Classifier
 from toolkit.models.text_towers import TextTower
 from toolkit.training.classifier import TrainedClassifier
-from toolkit.training.classifier_task import find_finished, summarise_answers
-from toolkit.training.joined import choose_file, name_encoder, write_joined
+from toolkit.training.classifier_task import find_finished, summarise_answers, write_classifier
+from toolkit.training.joined import choose_file, name_encoder
 
 VERSION = 1
 """Raised when the same prompts give another classifier."""
@@ -62,7 +62,7 @@ def make_zero_shot(
     inputs = sha256_json([VERSION, settings, list(prompts)])
     with hold_folder(folder, f".{name}.lock"):
         if not restart and (record := find_finished(file, inputs)) is not None:
-            return TrainedClassifier(file, record, (), 0, was_finished=True)
+            return TrainedClassifier(file=file, record=record, was_finished=True)
         embeddings = embed_classes(prompts, text, folder / KEPT)
         if embeddings.shape[1] != len(image.labels):
             raise FieldError(
@@ -73,12 +73,12 @@ def make_zero_shot(
         # a linear layer on normalised features is the scaled cosine
         head = Head(chosen * embeddings, torch.full((len(prompts),), text.bias), normalise=True)
         labels, nothing = list(prompts), np.zeros(0, np.int64)
-        record = write_joined(
-            file, image, head, labels=labels, trained_on=f"prompts, by {image.name} and {text.name}", data={}, seed=0,
-            settings={**settings, INPUTS: inputs}, final={},
-            held_out=summarise_answers(labels, nothing, nothing, "no images"),
+        record = write_classifier(
+            file, join_head(image, head), image.preprocessing, arch=file.name, labels=labels,
+            trained_on=f"prompts, by {image.name} and {text.name}", data={}, seed=0, final={},
+            settings={**settings, INPUTS: inputs}, held_out=summarise_answers(labels, nothing, nothing, "no images"),
         )  # fmt: skip
-    return TrainedClassifier(file, record, (), 0, was_finished=False)
+    return TrainedClassifier(file=file, record=record)
 
 
 def embed_classes(prompts: Mapping[str, Sequence[str]], text: TextTower, kept: Path) -> torch.Tensor:

@@ -10,10 +10,7 @@ from pydantic import Field
 
 from toolkit.core.config import Config
 from toolkit.core.draws import Draws
-
-if TYPE_CHECKING:
-    import numpy as np
-    import torch
+from toolkit.core.lazy import np, torch
 
 OF_NETWORKS = ("network", "features")
 """Stages that act for each network by itself."""
@@ -56,9 +53,6 @@ class ImageTransform(Transform):
 
         The others come back bit for bit, and cost nothing.
         """
-        import numpy as np
-        import torch
-
         batch = pixels[None] if pixels.ndim == 3 else pixels
         acting = self.draw_acting(rng, len(batch))
         # drawn for all images, acting or not, so that another probability changes no other draw
@@ -112,6 +106,4 @@ class Placer(Protocol):
 
 def as_factors(values: "np.ndarray", like: "torch.Tensor") -> "torch.Tensor":
     """(k,) or (k, c) numbers to (k, 1 or c, 1, 1), of `like`'s type and device."""
-    import torch
-
     return torch.as_tensor(values.reshape(len(values), -1, 1, 1), dtype=like.dtype, device=like.device)

@@ -2,16 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from pydantic import Field
 
 from toolkit.boosters.transforms import ImageTransform, Probability, Transform, as_factors
 from toolkit.core.config import Range, Rising
-
-if TYPE_CHECKING:
-    import numpy as np
-    import torch
+from toolkit.core.lazy import F, np, scipy, torch
 
 
 class Exposure(Transform):
@@ -29,9 +26,6 @@ class Exposure(Transform):
 
     def draw(self, rng: "np.random.Generator", count: int, like: "torch.Tensor") -> "torch.Tensor":
         """(count, 3, 1, 1) factors, of `like`'s type and device."""
-        import numpy as np
-        import torch
-
         # half the light and twice the light are as likely: exposure counts in stops
         low, high = np.log(self.factor)
         factor = np.exp(rng.uniform(low, high, (count, 1, 1, 1)))
@@ -61,8 +55,6 @@ class CameraBlur(ImageTransform):
 
     def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
         """Width of the Gaussian, length and angle of the line."""
-        import numpy as np
-
         sigma, length = rng.uniform(*self.defocus_px, count), rng.uniform(*self.motion_px, count)
         return sigma, length, rng.uniform(0, np.pi, count)
 
@@ -79,9 +71,6 @@ def make_kernels(sigma_px: "np.ndarray", length_px: "np.ndarray", angle: "np.nda
         length_px: (k,) of the line; 0 leaves the Gaussian alone.
         angle: (k,) of the line, radians from x (right) towards y (down).
     """
-    import numpy as np
-    from scipy.special import ndtr
-
     # three standard deviations beyond either end of the line; the same size for the batch, as kernels are stacked
     reach = int(np.ceil((3 * sigma_px + length_px / 2).max()))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1][:, None].astype(float)
@@ -89,7 +78,7 @@ def make_kernels(sigma_px: "np.ndarray", length_px: "np.ndarray", angle: "np.nda
     cosine, sine = np.cos(angle)[:, None, None], np.sin(angle)[:, None, None]
     along, across = x * cosine + y * sine, y * cosine - x * sine
     # along its own direction the line smears the Gaussian into a difference of two of its integrals
-    line = ndtr((along + half) / sigma) - ndtr((along - half) / sigma)
+    line = scipy.special.ndtr((along + half) / sigma) - scipy.special.ndtr((along - half) / sigma)
     # for a line without length that difference is 0 everywhere, and the Gaussian itself takes its place
     kernels = np.exp(-((across / sigma) ** 2) / 2) * np.where(half < 1e-3, np.exp(-((along / sigma) ** 2) / 2), line)
     return kernels / kernels.sum(axis=(1, 2), keepdims=True)
@@ -97,16 +86,15 @@ def make_kernels(sigma_px: "np.ndarray", length_px: "np.ndarray", angle: "np.nda
 
 def blur(pixels: "torch.Tensor", kernels: "np.ndarray") -> "torch.Tensor":
     """Convolve each of (b, 3, h, w) with its own kernel of (b, s, s); the edges repeat."""
-    import torch
-    from torch.nn.functional import conv2d, pad
-
     b, c, h, w = pixels.shape
     reach = kernels.shape[-1] // 2
     # conv2d correlates: the kernels are turned, so that it convolves
     weight = torch.as_tensor(kernels[:, ::-1, ::-1].copy(), dtype=pixels.dtype, device=pixels.device)
     weight = weight[:, None].repeat_interleave(c, 0)
-    padded = pad(pixels, (reach, reach, reach, reach), mode="replicate").reshape(1, b * c, h + 2 * reach, w + 2 * reach)
-    return conv2d(padded, weight, groups=b * c).reshape(b, c, h, w)
+    padded = F.pad(pixels, (reach, reach, reach, reach), mode="replicate").reshape(
+        1, b * c, h + 2 * reach, w + 2 * reach
+    )
+    return F.conv2d(padded, weight, groups=b * c).reshape(b, c, h, w)
 
 
 DARKEST = 0.1
@@ -132,16 +120,12 @@ class SensorNoise(ImageTransform):
 
     def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
         """Shot noise, read noise, and the seed of the grain of all."""
-        import numpy as np
-
         shot, read = rng.uniform(*self.shot, count), rng.uniform(*self.read, count)
         # a single generator draws the grain of all photographs at once: its seed stands in each row
         return shot, read, np.full(count, rng.integers(1 << 62))
 
     def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
         """Add grain, and stay within [0, 1]."""
-        import torch
-
         shot, read, seeds = drawn
         # drawn on the CPU, so that a GPU trains on the same pictures
         generator = torch.Generator().manual_seed(int(seeds[0]))
@@ -194,7 +178,6 @@ class JpegFile(ImageTransform):
 
 def round_straight(values: "torch.Tensor") -> "torch.Tensor":
     """Round; the gradient is the identity's."""
-    import torch
 
     class Round(torch.autograd.Function):
         @staticmethod
@@ -214,13 +197,9 @@ def compress(
     rounding: Callable[["torch.Tensor"], "torch.Tensor"] = round_straight,
 ) -> "torch.Tensor":
     """Return (b, 3, h, w) sRGB-encoded pixels in [0, 1] after JPEG compression of the qualities (b,)."""
-    import numpy as np
-    import torch
-    from torch.nn.functional import avg_pool2d, interpolate, pad
-
     h, w = pixels.shape[-2:]
     # chroma is halved before it is cut into blocks of 8: both sides have to be multiples of 16
-    full = pad(pixels, (0, -w % 16, 0, -h % 16), mode="replicate")
+    full = F.pad(pixels, (0, -w % 16, 0, -h % 16), mode="replicate")
     ycc_from_rgb = np.array(YCC_FROM_RGB)
     to_ycc, from_ycc = (
         torch.as_tensor(matrix, dtype=pixels.dtype, device=pixels.device)
@@ -228,16 +207,14 @@ def compress(
     )
     ycc = (to_ycc @ full.flatten(2)).view(full.shape)
     luma = _code_blocks(ycc[:, :1], quantise_tables(LUMA, quality), MIDDLE, rounding)
-    chroma = _code_blocks(avg_pool2d(ycc[:, 1:], 2), quantise_tables(CHROMA, quality), 0, rounding)
-    chroma = interpolate(chroma, scale_factor=2, mode="bilinear", align_corners=False)  # libjpeg's "fancy upsampling"
+    chroma = _code_blocks(F.avg_pool2d(ycc[:, 1:], 2), quantise_tables(CHROMA, quality), 0, rounding)
+    chroma = F.interpolate(chroma, scale_factor=2, mode="bilinear", align_corners=False)  # libjpeg's "fancy upsampling"
     decoded = from_ycc @ (torch.cat([luma, chroma], 1).flatten(2))
     return decoded.view(full.shape)[..., :h, :w].clamp(0, 1)
 
 
 def quantise_tables(table: Sequence[Sequence[int]], quality: "np.ndarray") -> "np.ndarray":
     """(b, 64) steps between coefficients, the table scaled as the IJG scales it."""
-    import numpy as np
-
     quality = np.asarray(quality)
     # IJG's jpeg_quality_scaling: 50 leaves the table as it is, 100 divides by one
     percent = np.where(quality < 50, 5000 // quality.clip(1), 200 - 2 * quality)
@@ -247,8 +224,6 @@ def quantise_tables(table: Sequence[Sequence[int]], quality: "np.ndarray") -> "n
 @lru_cache(maxsize=1)
 def _cosines() -> "np.ndarray":
     """(64, 64) the two-dimensional DCT of a block of 8 × 8 as a single orthonormal matrix."""
-    import numpy as np
-
     frequency, place = np.mgrid[:8, :8]
     rows = np.cos((2 * place + 1) * frequency * np.pi / 16) / 2
     # the mean's row is longer than the others by √2: orthonormal after this, so that the inverse is the transpose
@@ -258,8 +233,6 @@ def _cosines() -> "np.ndarray":
 
 def _code_blocks(planes: "torch.Tensor", steps: "np.ndarray", middle: float, rounding: Callable) -> "torch.Tensor":
     """Transform, divide, round, multiply, transform back; a matrix product each way holds all but the rounding."""
-    import numpy as np
-    import torch
 
     def place(matrix: "np.ndarray") -> torch.Tensor:
         return torch.as_tensor(matrix, dtype=planes.dtype, device=planes.device)
@@ -302,14 +275,10 @@ class Jitter(ImageTransform):
 
 def _zoom(photos: "torch.Tensor", scale: "np.ndarray", shift: "np.ndarray") -> "torch.Tensor":
     """(k, 3, h, w) about the middle by (k,) `scale`, then right and down by (k, 2) `shift` shares of the side."""
-    import numpy as np
-    import torch
-    from torch.nn.functional import affine_grid, grid_sample
-
     T_from_to = np.zeros((len(photos), 2, 3))
     # affine_grid asks where each pixel comes from: the inverse of scale and shift, in units of half a side
     T_from_to[:, 0, 0] = T_from_to[:, 1, 1] = 1 / scale
     T_from_to[:, :, 2] = -2 * shift / scale[:, None]
     matrices = torch.as_tensor(T_from_to, dtype=photos.dtype, device=photos.device)
-    grid = affine_grid(matrices, list(photos.shape), align_corners=False)
-    return grid_sample(photos, grid, mode="bilinear", padding_mode="border", align_corners=False)
+    grid = F.affine_grid(matrices, list(photos.shape), align_corners=False)
+    return F.grid_sample(photos, grid, mode="bilinear", padding_mode="border", align_corners=False)

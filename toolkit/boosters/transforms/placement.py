@@ -15,11 +15,10 @@ from pydantic import Field, model_validator
 from toolkit.boosters.transforms import Placer, Probability, Transform
 from toolkit.core.config import Expect, Flag, Range, Rising
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.lazy import cv2, np
 from toolkit.objects.spec import printed_size_mm
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from toolkit.rig.camera import Camera
 
 WHERE = "Where the patch lies"
@@ -49,8 +48,6 @@ class AffineRanges(Transform):
 
     def place(self, rng: "np.random.Generator", count: int, patch_px: int, image_px: int) -> "np.ndarray":
         """Draw `count` placements; (count, 3, 3) float64 `T_image_patch`."""
-        import numpy as np
-
         rotation = np.radians(rng.uniform(*self.rotation_deg, count))
         scale = rng.uniform(*self.share, count) * image_px / patch_px
         compression = rng.uniform(*self.foreshortening, count)
@@ -64,8 +61,6 @@ class AffineRanges(Transform):
 
 def affine_matrices(linear: "np.ndarray", centre: "np.ndarray", patch_px: int) -> "np.ndarray":
     """Join (b, 2, 2) linear parts with where the patch's centre goes, (b, 2) image pixels, into (b, 3, 3) matrices."""
-    import numpy as np
-
     matrices = np.zeros((len(linear), 3, 3))
     matrices[:, :2, :2] = linear
     matrices[:, :2, 2] = centre - linear @ np.full(2, patch_px / 2)
@@ -74,16 +69,12 @@ def affine_matrices(linear: "np.ndarray", centre: "np.ndarray", patch_px: int) -
 
 
 def _rotate(angle: "np.ndarray") -> "np.ndarray":
-    import numpy as np
-
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
 
 
 def _compress(direction: "np.ndarray", length: "np.ndarray") -> "np.ndarray":
     """Scale by `length` along `direction`, leave what is perpendicular to it."""
-    import numpy as np
-
     along = np.stack([np.cos(direction), np.sin(direction)], -1)
     return np.eye(2) - (1 - length)[:, None, None] * along[:, :, None] * along[:, None, :]
 
@@ -91,8 +82,6 @@ def _compress(direction: "np.ndarray", length: "np.ndarray") -> "np.ndarray":
 def _draw_centres(
     rng: "np.random.Generator", linear: "np.ndarray", patch_px: int, image_px: int, overhang: float
 ) -> "np.ndarray":
-    import numpy as np
-
     # a linear map's box reaches the sum of its absolute entries to either side
     half_box = np.abs(linear).sum(axis=2) * patch_px / 2
     reach = np.maximum(image_px / 2 - half_box * (1 - 2 * overhang), 0)  # a square too large for the frame is centred
@@ -122,8 +111,6 @@ class Placement(Transform):
 
     def place_seeded(self, seeds: Sequence[int], patch_px: int, image_px: int) -> "np.ndarray":
         """(b, 3, 3) `T_image_patch`, each by its seed alone, which turns and moves a patch of any size alike."""
-        import numpy as np
-
         drawn = np.array([np.random.default_rng(seed).uniform(-1, 1, 4) for seed in seeds]).reshape(-1, 4)
         # four draws in [-1, 1]: turn, size, and place along both axes
         angle = np.radians(self.rotation_deg) * drawn[:, 0]
@@ -184,8 +171,6 @@ class PoseRanges(Transform):
 
     def place(self, rng: "np.random.Generator", count: int, patch_px: int, image_px: int) -> "np.ndarray":
         """Draw `count` placements; (count, 3, 3) float64 projective `T_image_patch`."""
-        import numpy as np
-
         placed = [self._place_one(rng, patch_px, image_px) for _ in range(count)]
         # np.stack refuses an empty list
         return np.stack(placed) if placed else np.zeros((0, 3, 3))
@@ -200,8 +185,6 @@ class PoseRanges(Transform):
         )
 
     def _try_one(self, rng: "np.random.Generator", patch_px: int, image_px: int) -> "np.ndarray | None":
-        import numpy as np
-
         from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 
         azimuth, elevation = rng.uniform(*self.azimuth_deg), rng.uniform(*self.elevation_deg)
@@ -239,8 +222,6 @@ class Sheet:
     @property
     def corners(self) -> "np.ndarray":
         """(4, 3)."""
-        import numpy as np
-
         signs = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * self.size_mm / 2
         return self.middle + signs[:, :1] * self.right + signs[:, 1:] * self.up
 
@@ -249,9 +230,6 @@ def draw_sheet(
     rng: "np.random.Generator", box_mm: "np.ndarray", size_mm: float, offset: float, tilt_deg: float
 ) -> Sheet:
     """A sheet somewhere on top of a box, on a slope of `tilt_deg` in any direction."""
-    import cv2
-    import numpy as np
-
     axis = rng.uniform(0, 2 * np.pi)
     # about an axis that lies in the top: it slopes in any direction and does not turn the sheet
     tilt = cv2.Rodrigues(np.radians(tilt_deg) * np.array([np.cos(axis), np.sin(axis), 0.0]))[0]
@@ -261,24 +239,18 @@ def draw_sheet(
 
 def angle_above(sheet: Sheet, position_mm: "np.ndarray") -> float:
     """Degrees at which a camera stands above a sheet's plane, as its middle sees it; negative behind it."""
-    import numpy as np
-
     view = (position_mm - sheet.middle) / np.linalg.norm(position_mm - sheet.middle)
     return float(np.degrees(np.arcsin(np.cross(sheet.right, sheet.up) @ view)))
 
 
 def box_corners(box_mm: "np.ndarray") -> "np.ndarray":
     """(8, 3) of a box that stands on the table in the middle of the world."""
-    import numpy as np
-
     signs = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [0, 1], indexing="ij"), -1).reshape(8, 3)
     return signs * box_mm
 
 
 def project_sheet(camera: "Camera", T_world_camera: "np.ndarray", sheet: Sheet, patch_px: int) -> "np.ndarray":
     """(3, 3) `T_image_patch` of a sheet before a pinhole camera, scaled so that its centre has w = 1."""
-    import numpy as np
-
     texel_mm = sheet.size_mm / patch_px
     # texel (0, 0) is at the top left of the sheet as seen from the front
     corner = sheet.middle + sheet.size_mm / 2 * (sheet.up - sheet.right)
@@ -290,8 +262,6 @@ def project_sheet(camera: "Camera", T_world_camera: "np.ndarray", sheet: Sheet, 
 
 def shift_image(T_image_patch: "np.ndarray", shift_px: "np.ndarray") -> "np.ndarray":
     """Move what is seen by (right, down) pixels: the object is not always in the middle."""
-    import numpy as np
-
     T_shift = np.eye(3)
     T_shift[:2, 2] = shift_px
     return T_shift @ T_image_patch
@@ -311,8 +281,6 @@ class MixedPlacement:
 
     def place(self, rng: "np.random.Generator", count: int, patch_px: int, image_px: int) -> "np.ndarray":
         """Draw `count` placements; (count, 3, 3) float64 `T_image_patch`."""
-        import numpy as np
-
         posed = rng.random(count) < self.poses.probability
         placed = np.empty((count, 3, 3))
         placed[posed] = self.poses.place(rng, int(posed.sum()), patch_px, image_px)

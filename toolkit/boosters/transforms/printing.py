@@ -8,12 +8,10 @@ from pydantic import Field, model_serializer
 from toolkit.boosters.transforms import ImageTransform, PaperTransform, Probability, as_factors
 from toolkit.core.config import Config, Range, Rising
 from toolkit.core.files import sha256_bytes
+from toolkit.core.lazy import F, np, scipy, torch
 from toolkit.objects.spec import printed_size_mm
 
 if TYPE_CHECKING:
-    import numpy as np
-    import torch
-
     from toolkit.imaging.printer import PrintProfile
 
 
@@ -77,24 +75,19 @@ def spread_ink(pixels: "torch.Tensor", sigma_texels: "np.ndarray") -> "torch.Ten
     A texel's mean after blurring weighs its neighbours by the overlap of two boxes and a Gaussian between: the second
     difference of x Φ(x) + φ(x).
     """
-    import numpy as np
-    import torch
-    from scipy.special import ndtr
-    from torch.nn.functional import conv2d, pad
-
     b, c, h, w = pixels.shape
     # three standard deviations hold 99.7 % of a Gaussian; another texel for the box that it blurs
     reach = int(np.ceil(3 * sigma_texels.max())) + 1
     x = np.arange(-reach - 1, reach + 2) / sigma_texels[:, None]
     # the Gaussian integrated twice, in texels: once for the blurred texel's box, once for its neighbour's
-    integral = sigma_texels[:, None] * (x * ndtr(x) + np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi))
+    integral = sigma_texels[:, None] * (x * scipy.special.ndtr(x) + np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi))
     kernels = np.diff(integral, 2, axis=1)
     weight = torch.as_tensor(kernels / kernels.sum(axis=1, keepdims=True), dtype=pixels.dtype, device=pixels.device)
     weight = weight.repeat_interleave(c, 0)[:, None]
     # a Gaussian is separable: rows and then columns; groups give each print its own width
     flat = pixels.reshape(1, b * c, h, w)
-    flat = conv2d(pad(flat, (reach, reach, 0, 0), mode="replicate"), weight[:, :, None], groups=b * c)
-    flat = conv2d(pad(flat, (0, 0, reach, reach), mode="replicate"), weight[..., None], groups=b * c)
+    flat = F.conv2d(F.pad(flat, (reach, reach, 0, 0), mode="replicate"), weight[:, :, None], groups=b * c)
+    flat = F.conv2d(F.pad(flat, (0, 0, reach, reach), mode="replicate"), weight[..., None], groups=b * c)
     return flat.reshape(pixels.shape)
 
 
@@ -106,8 +99,6 @@ def gain_dots(pixels: "torch.Tensor", gain: "np.ndarray") -> "torch.Tensor":
 
 def mix_solids(pixels: "torch.Tensor") -> "torch.Tensor":
     """Look (b, 3, h, w) in [0, 1] up in the cube of printed solids."""
-    import torch
-
     from toolkit.imaging.printer import SOLIDS
 
     # dots that lie at random overlap by the product of their coverages: the share of each of the eight solids
@@ -121,8 +112,6 @@ def finish_inks(
     printed: "torch.Tensor", chroma: "np.ndarray", density: "np.ndarray", white: "np.ndarray"
 ) -> "torch.Tensor":
     """Dull, thin and yellow a print: shares of its distance from grey, of its distance from paper, and its paper."""
-    import torch
-
     from toolkit.imaging.printer import PAPER
 
     weights = torch.as_tensor(LUMA, dtype=printed.dtype, device=printed.device).view(1, 3, 1, 1)
@@ -172,8 +161,6 @@ class ProfiledPrint(ImageTransform):
 
     def colour(self, pixels: "torch.Tensor") -> "torch.Tensor":
         """The profile's colours of (b, 3, h, w), sRGB-encoded in [0, 1], in neutral light; differentiable."""
-        import torch
-
         powers = [torch.ones_like(pixels), pixels.clamp(0, 1) ** self.power]
         for _ in range(2, 1 + max(max(term) for term in self.exponents)):
             powers.append(powers[-1] * powers[1])
@@ -201,9 +188,8 @@ def use_profile(profile: "PrintProfile") -> ProfiledPrint:
 
 def encode(linear: "torch.Tensor") -> "torch.Tensor":
     """`toolkit.imaging.colour.linear_to_srgb`, differentiable."""
-    import torch
-
     linear = linear.clamp(0, 1)
+    # clamped in the branch that is not taken as well: the power's slope at 0 is infinite, and 0 · ∞ is no number
     return torch.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
 
 
@@ -224,9 +210,6 @@ class LightRanges(PaperTransform):
 
     def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
         """One light for each image."""
-        import numpy as np
-        import torch
-
         count = len(paper)
         gain = rng.uniform(*self.exposure, (count, 1)) * rng.uniform(1 - self.tint, 1 + self.tint, (count, 3))
         contrast = rng.uniform(*self.contrast, (count, 1))
@@ -262,8 +245,6 @@ class TapeGlare(PaperTransform):
 
     def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
         """Lay shine and strips over drawn patches."""
-        import numpy as np
-
         count = len(paper)
         # all is drawn for every image, shine or none, so that each number keeps its place in the stream
         shines, hides = self.draw_acting(rng, count), rng.random(count) < self.strip_probability
@@ -291,9 +272,6 @@ def _measure(
 
     All are shares of the patch's side, here the root of its area; its own middle is (0, 0).
     """
-    import numpy as np
-    import torch
-
     m = mask.shape[-1]
     places = torch.arange(m, dtype=mask.dtype, device=mask.device) + 0.5
     x, y = places.view(1, 1, 1, m), places.view(1, 1, m, 1)

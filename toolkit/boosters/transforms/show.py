@@ -2,14 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from toolkit.boosters.transforms import ImageTransform, PaperTransform, Placer
 from toolkit.core.draws import Draws
-
-if TYPE_CHECKING:
-    import numpy as np
-    import torch
+from toolkit.core.lazy import F, np, scipy, torch
 
 RIM_PX = 2
 """Around the patch's corners: what its filtered edge may reach."""
@@ -21,8 +18,6 @@ def find_windows(T_image_patch: "np.ndarray", patch_px: int, image_px: int) -> "
     Returns:
         (b, 2) int, their (left, top) corners in pixels, and their side.
     """
-    import numpy as np
-
     square = np.array([[0, patch_px, patch_px, 0], [0, 0, patch_px, patch_px], [1, 1, 1, 1]], float)
     x, y, w = np.moveaxis(T_image_patch @ square, 1, 0)
     points = np.stack([x / w, y / w], axis=1)
@@ -36,8 +31,6 @@ def find_windows(T_image_patch: "np.ndarray", patch_px: int, image_px: int) -> "
 
 def move_origin(T_image_patch: "np.ndarray", corners: "np.ndarray") -> "np.ndarray":
     """`T_window_patch` for windows at `corners`."""
-    import numpy as np
-
     T_window_image = np.tile(np.eye(3), (len(corners), 1, 1))
     T_window_image[:, :2, 2] = -corners
     return T_window_image @ T_image_patch
@@ -45,8 +38,6 @@ def move_origin(T_image_patch: "np.ndarray", corners: "np.ndarray") -> "np.ndarr
 
 def cut_windows(images: "torch.Tensor", corners: "np.ndarray", side: int) -> "torch.Tensor":
     """(b, c, side, side) from (b, c, m, m)."""
-    import torch
-
     return torch.stack([image[:, y : y + side, x : x + side] for image, (x, y) in zip(images, corners, strict=True)])
 
 
@@ -55,7 +46,6 @@ def paste_windows(images: "torch.Tensor", windows: "torch.Tensor", corners: "np.
 
     Autograd would record sixteen assignments and copy the whole gradient for each; here it is cut once.
     """
-    import torch
 
     class Paste(torch.autograd.Function):
         @staticmethod
@@ -101,9 +91,6 @@ class WarpPlan:
 
 def plan_warp(T_image_patch: "np.ndarray", patch_px: int, scales: tuple[float, float] | None = None) -> WarpPlan:
     """Sizes for `warp_patch`; `T_image_patch` is (b, 3, 3), affine or projective."""
-    import numpy as np
-    from scipy.fft import next_fast_len
-
     jacobian = _jacobian(T_image_patch, patch_px)
     largest = np.linalg.norm(jacobian, 2, axis=(1, 2)).max() if scales is None else scales[1]
     # less a little, so that float noise above a whole number does not repeat once more
@@ -112,14 +99,12 @@ def plan_warp(T_image_patch: "np.ndarray", patch_px: int, scales: tuple[float, f
     footprints = np.linalg.inv(jacobian) * repeat
     reach = np.abs(footprints).sum(axis=2).max() if scales is None else np.sqrt(2) * repeat / scales[0]
     margin = int(np.ceil(reach)) + 2
-    side = next_fast_len(-(-(patch_px * repeat + 2 * margin) // 16) * 16, real=True)
+    side = scipy.fft.next_fast_len(-(-(patch_px * repeat + 2 * margin) // 16) * 16, real=True)
     return WarpPlan(repeat, side, (side - patch_px * repeat) // 2, footprints)
 
 
 def _jacobian(T_image_patch: "np.ndarray", patch_px: int) -> "np.ndarray":
     """(b, 2, 2) image pixels per texel at the patch's centre; exact everywhere when affine."""
-    import numpy as np
-
     centre = np.array([patch_px / 2, patch_px / 2, 1])
     x, y, w = np.moveaxis(T_image_patch @ centre, -1, 0)
     # quotient rule of (x / w, y / w): (∂x - x/w ∂w) / w
@@ -146,22 +131,19 @@ def warp_patch(
     Returns:
         The patch times its mask, (b, 3, m, m), and the mask, (b, 1, m, m): the share of each pixel that it covers.
     """
-    import torch
-    from torch.nn.functional import grid_sample, pad
-
     plan = plan_warp(T_image_patch, patch.shape[-1], scales)
     opaque = torch.ones_like(patch[..., :1, :, :])
     texels = torch.cat([patch, opaque] if mask is None else [patch * mask, opaque * mask], dim=-3)
     if plan.repeat > 1:
         texels = texels.repeat_interleave(plan.repeat, -1).repeat_interleave(plan.repeat, -2)
     end = plan.side - plan.start - texels.shape[-1]
-    padded = pad(texels, (plan.start, end, plan.start, end))
+    padded = F.pad(texels, (plan.start, end, plan.start, end))
     window = torch.as_tensor(_filter_windows(plan), dtype=patch.dtype, device=patch.device)
     spectrum = torch.fft.rfft2(padded) * window[:, None]
     filtered = torch.fft.irfft2(spectrum, s=(plan.side, plan.side))
     grid = _sampling_grid(T_image_patch, plan, image_px, patch)
     # zeros outside: the patch has no neighbours, so that its rim fades by the share that is covered
-    drawn = grid_sample(filtered, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
+    drawn = F.grid_sample(filtered, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
     # the filter rings a little beyond [0, 1]; the mask is geometry, and has no gradient
     return drawn[:, :3], drawn[:, 3:].detach().clamp(0, 1)
 
@@ -171,8 +153,6 @@ def _filter_windows(plan: WarpPlan) -> "np.ndarray":
 
     Bilinear look-up filters by sinc² per axis where square texels need sinc once; the window divides one of them out.
     """
-    import numpy as np
-
     down, right = np.fft.fftfreq(plan.side)[:, None], np.fft.rfftfreq(plan.side)[None]
     edges = np.moveaxis(plan.footprints, 0, -1)[..., None, None].astype(np.float32)
     down, right = down.astype(np.float32), right.astype(np.float32)
@@ -182,9 +162,6 @@ def _filter_windows(plan: WarpPlan) -> "np.ndarray":
 
 def _sampling_grid(T_image_patch: "np.ndarray", plan: WarpPlan, image_px: int, like: "torch.Tensor") -> "torch.Tensor":
     """(b, m, m, 2) look-up positions of pixel centres, in `grid_sample`'s [-1, 1], of `like`'s type and device."""
-    import numpy as np
-    import torch
-
     # texels to [-1, 1] of the padded square: 2 (repeat · t + start) / side - 1
     to_unit = np.array(
         [[2 * plan.repeat, 0, 2 * plan.start - plan.side], [0, 2 * plan.repeat, 2 * plan.start - plan.side]]
@@ -236,8 +213,6 @@ def show_patch(
     Returns:
         (b, 3, m, m) sRGB-encoded in [0, 1], differentiable in `patch`.
     """
-    import torch
-
     printed = print_patch(patch, appearance, draws)
     # the same print for flat placements and views of the object alike
     scenes = [place_patch(printed, images, appearance, draws)] if len(images) else []

@@ -2,17 +2,14 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field
 
 from toolkit.boosters.transforms import ImageTransform, Probability, Transform, as_factors
 from toolkit.core.draws import Draws
+from toolkit.core.lazy import np, torch
 from toolkit.training.processes import current
-
-if TYPE_CHECKING:
-    import numpy as np
-    import torch
 
 # the cutout's colour in T-SEA's release; also what a surface without its booster has in clean photographs
 GREY = 0.5
@@ -43,9 +40,6 @@ class Cutout(ImageTransform):
 
     def apply(self, some: "torch.Tensor", drawn: tuple["np.ndarray", ...]) -> "torch.Tensor":
         """Hide it; texels are hidden by their middles."""
-        import numpy as np
-        import torch
-
         n = some.shape[-1]
         away = np.abs((np.arange(n) + 0.5) / n - drawn[0][:, :, None]) < self.share / 2
         hidden = torch.as_tensor(away[:, 0, None, None, :] & away[:, 1, None, :, None], device=some.device)
@@ -72,8 +66,6 @@ class BlockShuffle(ImageTransform):
 
     def draw(self, rng: "np.random.Generator", count: int) -> tuple["np.ndarray", ...]:
         """Axis of the strips; sizes and order of strips and of the blocks in each; angles."""
-        import numpy as np
-
         n = self.blocks
         sizes = rng.uniform(size=(count, 1 + n, n))
         orders = rng.permuted(np.tile(np.arange(n), (count, 1 + n, 1)), axis=2)
@@ -83,8 +75,6 @@ class BlockShuffle(ImageTransform):
 
     def apply(self, some: "torch.Tensor", drawn: tuple["np.ndarray", ...]) -> "torch.Tensor":
         """Cut, turn, shuffle, and join."""
-        import torch
-
         return torch.stack([_shuffle(photo, *draws) for photo, *draws in zip(some, *drawn, strict=True)])
 
 
@@ -92,8 +82,6 @@ def _shuffle(
     photo: "torch.Tensor", axis: int, sizes: "np.ndarray", orders: "np.ndarray", angles: "np.ndarray"
 ) -> "torch.Tensor":
     """(3, h, w) with its strips along `axis` (0: down, 1: right), and the blocks of each, in other places."""
-    import torch
-
     from toolkit.models.vision import torchvision
 
     turning = torchvision.transforms.functional
@@ -114,8 +102,6 @@ def _shuffle(
 
 def divide(length: int, sizes: "np.ndarray") -> list[int]:
     """A length in whole parts that are to each other as `sizes`, to rounding; the largest takes what is left."""
-    import numpy as np
-
     parts = np.round(sizes / sizes.sum() * length).astype(int)
     # rounding misses the length by a few pixels, which the largest part feels least
     parts[parts.argmax()] += length - parts.sum()
@@ -178,8 +164,6 @@ class FeatureMixup(Transform):
 
     def apply(self, output: "torch.Tensor", clean: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
         """Mix this process's part of (b, c, …) features with (b, c, …) clean features of all photographs."""
-        import torch
-
         # drawn for the whole batch and then shared, so that the number of processes changes nothing
         order = current().share(rng.permutation(len(clean)))
         shares = current().share(rng.uniform(0, self.max_share, clean.shape[:2]))
@@ -189,7 +173,5 @@ class FeatureMixup(Transform):
 
 def find_layers(module: "torch.nn.Module | None") -> "list[torch.nn.Module]":
     """The convolutions and fully connected layers of a network; none of what is no module of torch."""
-    import torch
-
     inside = [] if module is None else module.modules()
     return [module for module in inside if isinstance(module, torch.nn.Conv2d | torch.nn.Linear)]

@@ -10,13 +10,11 @@ from toolkit.boosters.transforms import ImageTransform, Probability, Transform
 from toolkit.core.config import Range, Rising
 from toolkit.core.draws import RandomStreams
 from toolkit.core.errors import ToolkitError
+from toolkit.core.lazy import np, torch
 from toolkit.core.rooms import ask_room
 from toolkit.corruptions.catalogue import find_corruption, name_corruptions, parse_corruptions
 
 if TYPE_CHECKING:
-    import numpy as np
-    import torch
-
     from toolkit.rig.shading import DepthBuffer, LinearView
 
 Named = tuple[tuple[str, int], ...]
@@ -45,8 +43,6 @@ class Fog(ImageTransform):
 
     def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
         """Lay clouds over each, within [0, 1]."""
-        import torch
-
         from toolkit.corruptions.weather import add_fog
 
         foggy = [
@@ -141,9 +137,6 @@ class Corrupted(ImageTransform):
 
     def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
         """Corrupt each, within [0, 1]; see `corrupt_straight`."""
-        import numpy as np
-        import torch
-
         kinds, seeds = drawn
         for kind in np.unique(kinds):
             name, severity = self.corruptions[kind]

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from toolkit.core.lazy import cv2
+
 MOST_SIDE = 2048
 """Most texels a side of alpha."""
 MOST_PIECES = 300_000
@@ -31,8 +33,6 @@ def cut_holes(
         (k,) triangle of each remaining piece; (k, 3, 3) its corners as weights of that triangle's corners.
     """
     if max(alpha.shape) > MOST_SIDE:
-        import cv2
-
         scale = MOST_SIDE / max(alpha.shape)
         alpha = cv2.resize(alpha.astype(np.float32), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     alpha = alpha.astype(np.float64)
