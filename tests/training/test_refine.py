@@ -220,6 +220,16 @@ def test_statistics_stay_weights_move_and_the_record_counts(colours, tmp_path):
     assert record.refined.after.agreed == int((answers == teacher.logits(batch).argmax(1)).sum())
 
 
+def test_it_is_shown_images_as_its_teacher_is(colours, tmp_path):
+    space = make_space(tmp_path)
+    about = space.classifiers_dir / "own.json"
+    about.write_text(json.dumps(json.loads(about.read_text()) | {"channels": "BGR", "squash": True}))
+    refine(space, colours, steps=2)
+    teacher, new = (load_classifier(name, device="cpu", folder=space.classifiers_dir) for name in ("own", "new"))
+    assert new.preprocessing == teacher.preprocessing
+    assert new.preprocessing.channels == "BGR" and new.preprocessing.squash
+
+
 def test_the_fifth_is_the_same_in_every_run_and_takes_classes_of_one_photograph(tmp_path):
     folder = write_colours(tmp_path / "one", 1)
     write_colours(tmp_path / "many", 10)
