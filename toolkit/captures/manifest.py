@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from toolkit.core.files import inside, sha256_file, write_json
+from toolkit.core.files import delete_file, inside, sha256_file, write_json
 from toolkit.core.records import RecordLog
 from toolkit.rig.camera import Camera
 
@@ -144,11 +144,15 @@ TRANSFORMS = "transforms.json"
 
 
 def write_transforms(source_dir: Path, records: list[CaptureRecord]) -> list[Path]:
-    """Write `transforms.json` into each folder of images: all objects stand at the same origin, and would overlap."""
+    """Write `transforms.json` into each folder of images: all objects stand at the same origin, and would overlap.
+
+    The file of an earlier version, `captures/SOURCE/transforms.json`, is deleted.
+    """
     source_dir = Path(source_dir)
     groups: dict[Path, list[CaptureRecord]] = {}
     for record in records:
         groups.setdefault(Path(record.path).parent, []).append(record)
+    delete_file(source_dir / TRANSFORMS)
     files = {source_dir / folder / TRANSFORMS: describe_transforms(own) for folder, own in groups.items()}
     return [write_json(file, content, source_dir) for file, content in files.items()]
 

@@ -68,6 +68,10 @@ class TableObject:
         """`hash_shape` of its mesh."""
         return hash_shape(self.mesh)
 
+    def has_shape(self, sha256: str) -> bool:
+        """Whether a record is of this shape, by today's hash or an older record's exact hash."""
+        return sha256 == self.shape_sha256 or sha256 == hash_shape(self.mesh, is_exact=True)
+
 
 def load_object(spec_file: Path) -> TableObject:
     """Read a spec and its mesh, turned upright, scaled to its length and placed on the table.

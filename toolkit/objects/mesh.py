@@ -392,13 +392,15 @@ def _add_paint(digest: "hashlib._Hash", materials: Iterable[Material]) -> None:
             digest.update(np.ascontiguousarray(material.emission).tobytes())
 
 
-def hash_shape(mesh: Mesh) -> str:
+def hash_shape(mesh: Mesh, is_exact: bool = False) -> str:
     """SHA-256 of triangles, texture coordinates and names of materials: what a texture is trained for.
 
-    Paint does not count. Coordinates are rounded, as machines differ.
+    Paint does not count. Coordinates are rounded, as machines differ; `is_exact`: to the last bit, for older records.
     """
 
     def round_off(values: np.ndarray, grain: float) -> np.ndarray:
+        if is_exact:
+            return values + 0.0  # turns -0.0 into 0.0
         # not to the nearest: half a grain is where modelled coordinates like to lie
         return np.floor(values / np.float64(grain) + 0.382).astype(np.int64)
 

@@ -15,7 +15,7 @@ def check_fit(item: TableObject, texture: Texture) -> TexturedObjectRecord:
     entry = texture.record.entry(item.name)
     if entry is None:
         raise ToolkitError(f"texture '{name}' was not trained on object '{item.name}': {again}")
-    if item.shape_sha256 != entry.mesh_sha256:
+    if not item.has_shape(entry.mesh_sha256):
         raise ToolkitError(f"{item.name}: the object's mesh changed after training of its texture '{name}': {again}")
     corner_uv = texture.corner_uv.get(item.name)
     if corner_uv is not None and len(corner_uv) != len(item.mesh.faces):
