@@ -12,8 +12,19 @@ from toolkit.rig.board import CharucoBoard
 from toolkit.rig.board_file import write_board
 from toolkit.rig.camera import Camera
 from toolkit.rooms.photos.gates.check_photo import ExpectationBuilder
+from toolkit.rooms.photos.gates.check_set import PatchLines
 
 BOARD, CAMERA = CharucoBoard(9, 9, 25.0, 18.75), Camera.from_fov(640, 480, 40.0)
+
+
+def by_name(results) -> dict:
+    return {result.name: result for result in results}
+
+
+def lines_to(points: np.ndarray, origin: np.ndarray, rng: np.random.Generator | None = None) -> PatchLines:
+    """Lines of sight to points (n, 3), which a generator moves by 0.3 mm."""
+    away = points - origin + (0 if rng is None else rng.normal(0, 0.3, points.shape))
+    return PatchLines(origin, away / np.linalg.norm(away, axis=1, keepdims=True), np.ones(len(points), bool))
 
 
 @dataclass(frozen=True)

@@ -152,19 +152,11 @@ def rewrite(path: Path, change: dict[str, object]) -> None:
             tar.addfile(entry, io.BytesIO(content))
 
 
-def refuse_none(path: Path) -> None:
-    path.unlink()
-
-
-def refuse_cut(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:9000])
-
-
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
-        (refuse_none, "the shard is missing"),
-        (refuse_cut, "cut or damaged"),
+        (Path.unlink, "the shard is missing"),
+        (lambda path: path.write_bytes(path.read_bytes()[:9000]), "cut or damaged"),
         (lambda path: rewrite(path, {"x_m": float("nan")}), "sample 00000000: the truth cannot be used: field 'x_m'"),
         (lambda path: rewrite(path, {"seed": 9}), "of seed 9, the data set is of seed 3"),
         (lambda path: rewrite(path, {"x_m": 0.5}), "differs from dataset.json"),
@@ -224,7 +216,7 @@ def test_a_cone_through_a_building_is_refused(grass: World) -> None:
         collector.aim(0)
 
 
-def test_shards_hold_what_webdataset_streams(tmp_path: Path, made: tuple[Workspace, Collected]) -> None:
+def test_shards_hold_what_webdataset_streams(tmp_path: Path, made: tuple[Workspace, Collected], grass: World) -> None:
     samples = list(read_shard(made[1].folder / "train-000000.tar", made[1].about.size_px))
     write_shard(tmp_path / "a.tar", map(encode_sample, samples[:2]))
     with tarfile.open(tmp_path / "a.tar") as tar:
@@ -232,11 +224,5 @@ def test_shards_hold_what_webdataset_streams(tmp_path: Path, made: tuple[Workspa
     key = f"{samples[0].truth.index:08d}"
     assert names[:3] == [f"{key}.json", f"{key}.png", f"{key}.seg.png"]
     assert isinstance(samples[0], Sample)
-    plan = plan_shards(SMALL, Collector(SMALL, made_world(), draw_pad("plain"), 3))
+    plan = plan_shards(SMALL, Collector(SMALL, grass, draw_pad("plain"), 3))
     assert [len(some) for _, _, some in plan] == [10, 10, 4, 6]
-
-
-def made_world() -> World:
-    from toolkit.rooms.landing.site import find_world
-
-    return find_world("grass")

@@ -94,6 +94,9 @@ def test_a_film_shows_the_episode(flown: tuple[Workspace, Flown], tmp_path: Path
     assert (
         len(record.track) // 2 <= loop.n_frames <= len(filmed.frames) // 2 + 1
     )  # the last, which stays, is stored once
+    # by the camera that flew: a coarser one saw less
+    coarse = film_episode(space, QUICK.with_overrides(image_px=48), made, record, 2)
+    assert (coarse.frames != filmed.frames).any()
     results, pairs = write_summary(tmp_path, QUICK, made, 2)
     page = write_report(QUICK, replace(made, folder=tmp_path), results, pairs, space, [filmed]).read_text()
     assert page.count("data:image/webp;base64,") == 1

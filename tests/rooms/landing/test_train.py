@@ -35,9 +35,11 @@ from toolkit.rooms.landing.train import (
     turn_offsets,
 )
 
+Made = tuple[Workspace, LandingTrainConfig, TrainedRegressor]
+
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Workspace, LandingTrainConfig, TrainedRegressor]:
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     space = make_workspace(tmp_path_factory.mktemp("train") / "work")
     write_drawn(space.captures_dir / "landing" / "drawn")
     config = LandingTrainConfig(
@@ -53,7 +55,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Workspace, LandingTr
     return space, config, train_regressor(space, "drawn", config, seed=1, device="cpu")
 
 
-def test_it_learns_where_the_square_is(made: tuple[Workspace, LandingTrainConfig, TrainedRegressor]) -> None:
+def test_it_learns_where_the_square_is(made: Made) -> None:
     rows = made[2].regressor.record.held_out
     blind = summarise_errors(np.zeros((64, 2)), read_split(made[0].captures_dir / "landing" / "drawn", "held_out"))
     assert rows[0].by == "all"
@@ -63,7 +65,7 @@ def test_it_learns_where_the_square_is(made: tuple[Workspace, LandingTrainConfig
     assert sum(row.n for row in rows if row.by == "weather") == 64
 
 
-def test_its_uncertainty_is_calibrated(made: tuple[Workspace, LandingTrainConfig, TrainedRegressor]) -> None:
+def test_its_uncertainty_is_calibrated(made: Made) -> None:
     """Two of three errors along an axis lie within one standard deviation."""
     samples = read_split(made[0].captures_dir / "landing" / "drawn", "held_out")
     answers = made[2].regressor.answer(samples.images)
@@ -71,16 +73,14 @@ def test_its_uncertainty_is_calibrated(made: tuple[Workspace, LandingTrainConfig
     assert 0.5 < within.mean() < 0.88
 
 
-def test_answers_have_the_same_bytes_alone_and_together(
-    made: tuple[Workspace, LandingTrainConfig, TrainedRegressor],
-) -> None:
+def test_answers_have_the_same_bytes_alone_and_together(made: Made) -> None:
     images = np.stack([draw(index).image for index in range(64)])
     together = made[2].regressor.predict(images)
     for one in (0, 17, 63):
         assert made[2].regressor.predict(images[one : one + 1]).tobytes() == together[one : one + 1].tobytes()
 
 
-def test_it_is_finished_once(made: tuple[Workspace, LandingTrainConfig, TrainedRegressor]) -> None:
+def test_it_is_finished_once(made: Made) -> None:
     space, config, _ = made
     assert train_regressor(space, "drawn", config, seed=1, device="cpu").was_finished
 
@@ -202,9 +202,7 @@ def make_linear(record: RegressorRecord, side_px: int) -> Regressor:
     return Regressor(record, torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * side_px**2, 2)))
 
 
-def test_saliency_of_a_linear_network_is_its_weights(
-    made: tuple[Workspace, LandingTrainConfig, TrainedRegressor],
-) -> None:
+def test_saliency_of_a_linear_network_is_its_weights(made: Made) -> None:
     record = made[2].regressor.record
     regressor = make_linear(record, 8)
     weights = next(regressor.module.parameters()).detach().numpy().reshape(2, 3, 8, 8)
@@ -213,7 +211,7 @@ def test_saliency_of_a_linear_network_is_its_weights(
     assert np.allclose(found, np.sqrt(np.square(weights).sum(axis=(0, 1))), rtol=1e-5)
 
 
-def test_saliency_is_drawn(made: tuple[Workspace, LandingTrainConfig, TrainedRegressor], tmp_path: Path) -> None:
+def test_saliency_is_drawn(made: Made, tmp_path: Path) -> None:
     """What looks at all pixels alike has the pad's share of the area on the pad."""
     dataset = made[0].captures_dir / "landing" / "drawn"
     even = make_linear(made[2].regressor.record, 48)
@@ -225,7 +223,7 @@ def test_saliency_is_drawn(made: tuple[Workspace, LandingTrainConfig, TrainedReg
     assert shares == pytest.approx([sample.mask.mean() for sample in samples], rel=1e-4)
 
 
-def test_onnx_says_the_same(made: tuple[Workspace, LandingTrainConfig, TrainedRegressor], tmp_path: Path) -> None:
+def test_onnx_says_the_same(made: Made, tmp_path: Path) -> None:
     pytest.importorskip("onnx")
     runtime = pytest.importorskip("onnxruntime")
     file = export_onnx(made[2].regressor, tmp_path / "pad.onnx")
@@ -251,9 +249,7 @@ def test_the_papers_recipe() -> None:
     assert fit.steps == 310
 
 
-def test_other_weights_are_refused(
-    made: tuple[Workspace, LandingTrainConfig, TrainedRegressor], tmp_path: Path
-) -> None:
+def test_other_weights_are_refused(made: Made, tmp_path: Path) -> None:
     space = make_workspace(tmp_path / "work")
     folder = regressors_dir(space)
     shutil.copytree(regressors_dir(made[0]), folder)

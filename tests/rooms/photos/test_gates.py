@@ -10,7 +10,7 @@ import board_photos as bp
 import cv2
 import numpy as np
 import pytest
-from crate_bench import BOARD, CAMERA, CrateBench
+from crate_bench import BOARD, CAMERA, CrateBench, by_name, lines_to
 
 from toolkit.captures.manifest import CaptureRecord, append_record
 from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
@@ -32,7 +32,7 @@ from toolkit.rooms.photos.gates.check_captures import (
     write_retake_list,
 )
 from toolkit.rooms.photos.gates.check_photo import inspect_photo, view_of_record
-from toolkit.rooms.photos.gates.check_set import CheckedPhoto, PatchLines, check_set, measure_moves
+from toolkit.rooms.photos.gates.check_set import CheckedPhoto, check_set, measure_moves
 from toolkit.rooms.photos.gates.framing import (
     check_blur,
     check_centred,
@@ -83,10 +83,6 @@ def pose(side: int) -> np.ndarray:
 def bench(tmp_path_factory, make_box) -> Bench:
     crate = make_box((130.0, 90.0, 45.0))
     return Bench.make(tmp_path_factory.mktemp("gates"), crate, f"[patch]\nsize_mm = {PATCH_MM}\n")
-
-
-def by_name(results) -> dict:
-    return {result.name: result for result in results}
 
 
 def failing(results) -> list[str]:
@@ -389,11 +385,6 @@ def test_exposure_counts_what_is_lost():
 # --- sets -----------------------------------------------------------------------------------------------------------
 
 
-def lines_to(points: np.ndarray, origin: np.ndarray, rng, noise: float = 0.3) -> PatchLines:
-    away = points + rng.normal(0, noise, points.shape) - origin
-    return PatchLines(origin, away / np.linalg.norm(away, axis=1, keepdims=True), np.ones(len(points), bool))
-
-
 def test_a_moved_patch_is_measured_in_mm():
     """Cells of a bent sheet seen from all round; in one photograph they lie 12 mm beside."""
     rng = np.random.default_rng(1)
@@ -556,21 +547,18 @@ def test_a_patch_that_was_printed_at_another_size_is_found(scale, fails):
     cameras = [orbit_pose(np.zeros(3), 50 * i, 35 + 5 * i, 600)[:3, 3] for i in range(7)]
     lines = [lines_to(cells, camera, rng) for camera in cameras]
     photos = [CheckedPhoto("pot", "patched", i, (), one, f"{i}.jpg") for i, one in enumerate(lines)]
-    (result,) = [
-        one.results[0]
-        for one in check_set(photos, {("pot", "patched"): (60.0,)})
-        if one.results[0].name == "patch size"
-    ]
+
+    def check_size(photos, sides_mm=None):
+        found = [one.results[0] for one in check_set(photos, sides_mm)]
+        return [result for result in found if result.name == "patch size"]
+
+    (result,) = check_size(photos, {("pot", "patched"): (60.0,)})
     assert result.value == pytest.approx(abs(100 * (scale - 1)), abs=0.6)
     assert result.failed == fails
     if fails:
         assert "intended 60.0 mm" in result.advice
-    assert not [one for one in check_set(photos) if one.results[0].name == "patch size"], "nothing to compare with"
-    (few,) = [
-        one.results[0]
-        for one in check_set(photos[:2], {("pot", "patched"): (60.0,)})
-        if one.results[0].name == "patch size"
-    ]
+    assert not check_size(photos), "nothing to compare with"
+    (few,) = check_size(photos[:2], {("pot", "patched"): (60.0,)})
     assert few.status == "not checked"
 
 

@@ -79,16 +79,17 @@ def bench(tmp_path_factory, make_box) -> Bench:
     return made
 
 
-def test_a_wrap_that_is_on_passes_and_a_bare_object_is_told(bench):
-    assert bench.check(bench.shoot(ABOVE), ABOVE, "wrapped").passed
-    result = bench.check(bench.shoot(ABOVE, ()), ABOVE, "wrapped")
-    assert result.failed and "the wrap 'crate' is not seen, 'wrapped' should show it" in result.advice
-
-
-def test_a_wrap_left_on_the_bare_object_is_told(bench):
-    assert bench.check(bench.shoot(ABOVE, ()), ABOVE, "unpatched").passed
-    result = bench.check(bench.shoot(ABOVE), ABOVE, "unpatched")
-    assert result.failed and "the wrap 'crate' is seen, 'unpatched' should show no wrap" in result.advice
+@pytest.mark.parametrize(
+    ("variant", "right", "wrong", "words"),
+    [
+        ("wrapped", (0, 1, 2), (), "the wrap 'crate' is not seen, 'wrapped' should show it"),
+        ("unpatched", (), (0, 1, 2), "the wrap 'crate' is seen, 'unpatched' should show no wrap"),
+    ],
+)
+def test_a_wrap_is_told_from_a_bare_object(bench, variant, right, wrong, words):
+    assert bench.check(bench.shoot(ABOVE, right), ABOVE, variant).passed
+    result = bench.check(bench.shoot(ABOVE, wrong), ABOVE, variant)
+    assert result.failed and words in result.advice
 
 
 def test_a_piece_that_is_missing_is_named(bench):

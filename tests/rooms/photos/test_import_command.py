@@ -7,20 +7,12 @@ import subprocess
 import sys
 import time
 
-import numpy as np
 import pytest
-from PIL import Image
+from import_bench import take
 from typer.testing import CliRunner
 
 from toolkit.cli import app
 from toolkit.rooms.photos.commands import ask_person
-
-
-def take(file, seed):
-    file.parent.mkdir(parents=True, exist_ok=True)
-    pixels = np.random.default_rng(seed).integers(0, 256, (36, 48, 3), dtype=np.uint8)
-    Image.fromarray(pixels).save(file)
-    return file
 
 
 def call(*arguments, code=0, typed=None):

@@ -26,10 +26,11 @@ from toolkit.objects.records import NetworkRecord, Patch, read_patch, write_patc
 from toolkit.printing import PrintSettings
 from toolkit.printing.document import build_pdf
 from toolkit.rooms.landing.config import BoostConfig, CameraConfig, PadPrintConfig
-from toolkit.rooms.landing.episodes import place_cameras
+from toolkit.rooms.landing.episodes import draw_in_cone, place_cameras
 from toolkit.rooms.landing.regressor import Regressor, load_regressor
 from toolkit.rooms.landing.site import Pad, PadSite, SiteView, draw_pad, find_sky, find_world, plan_places
 from toolkit.rooms.landing.train import LEAST_HEIGHT_M
+from toolkit.rooms.worlds.conditions import CLEAR, name_weather
 from toolkit.rooms.worlds.particles import DepthView
 from toolkit.rooms.worlds.weathered import Weathered
 from toolkit.training.checkpoint import Checkpoint
@@ -177,13 +178,8 @@ def plan_views(config: BoostConfig, regressor: Regressor, pad: Pad, seed: int, o
     views = []
     for number in range(config.views):
         site, rng = sites[number % len(sites)], Draws(seed + own, number, "landing").of("camera")
-        # even in the logarithm: as many views of each doubling of the height
-        height = np.exp(rng.uniform(*np.log(config.height_m)))
-        yaw, around = rng.uniform(0, 2 * np.pi, 2)
-        # the root spreads cameras evenly over the disc at this height
-        aside = height * np.tan(np.radians(config.half_angle_deg)) * rng.uniform() ** 0.5
-        place = site.centre + np.array([aside * np.cos(around), aside * np.sin(around), height])
-        pose = place_cameras(place[None], np.cos([yaw]), np.sin([yaw]), np.zeros((1, 2)))[0]
+        offset, yaw = draw_in_cone(rng, config.height_m, config.half_angle_deg)
+        pose = place_cameras((site.centre + offset)[None], np.cos([yaw]), np.sin([yaw]), np.zeros((1, 2)))[0]
         x, y, z = site.truth(pose)
         views.append(PadView(site, pose, np.array([x, y]), float(z)))
     return views
@@ -233,7 +229,7 @@ def compare_pads(
     """Mean error as a share of the height, by pad and weather, on photographs of new cameras and places."""
     # a stream of its own: none of these views was trained on
     plan = plan_views(config.with_overrides(views=COMPARED), regressor, pads[0], seed, own=3_000_017)
-    weathers = [("clear", 0), *((name, severity) for name, severity in config.weathers if severity in (1, 3, 5))]
+    weathers = [CLEAR, *(pair for pair in config.weathers if pair[1] in (1, 3, 5))]
     found: dict[str, dict[str, float]] = {}
     with progress("Comparing pads", len(pads) * len(weathers)) as bar:
         for pad in pads:
@@ -248,14 +244,6 @@ def compare_pads(
                 images = np.stack(list(map_ahead(lambda pair: pair[0].photograph(pair[1]), views)))
                 errors = np.linalg.norm(regressor.predict(images) - np.stack([view.offset for view in plan]), axis=1)
                 share = float((errors / [view.height for view in plan]).mean())
-                found[pad.name]["clear" if weather[0] == "clear" else f"{weather[0]}:{weather[1]}"] = round(share, 5)
+                found[pad.name][name_weather(*weather)] = round(share, 5)
                 bar.advance()
     return found
-
-
-def describe_boosted(boosted: Boosted) -> dict[str, Any]:
-    """The result for a script."""
-    return {
-        "pad": str(boosted.file), "pdf": str(boosted.pdf), "pages": boosted.pages, "was_finished": boosted.was_finished,
-        "errors": boosted.errors, "final": boosted.patch.record.final,
-    }  # fmt: skip

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -31,7 +30,7 @@ from toolkit.rooms.landing.dataset import (
     encode_sample,
     write_shard,
 )
-from toolkit.rooms.landing.episodes import place_cameras
+from toolkit.rooms.landing.episodes import draw_in_cone, place_cameras
 from toolkit.rooms.landing.site import (
     Pad,
     PadPlace,
@@ -123,17 +122,13 @@ class Collector:
     def aim(self, index: int) -> tuple[np.ndarray, float]:
         """(4, 4) a frame's downward camera: in the cone, in free air, the pad in plain view; and its heading, rad."""
         site, rng = self.site(index % len(self.places)), Draws(self.seed, index, "landing").of("camera")
-        # even in the logarithm: as many frames of each doubling of the height
-        low, high = np.log(self.config.height_m)
         for _ in range(MOST_TRIES):
-            height, yaw, around = np.exp(rng.uniform(low, high)), rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi)
-            # the root spreads cameras evenly over the disc at this height
-            aside = height * np.tan(np.radians(self.config.half_angle_deg)) * rng.uniform() ** 0.5
+            offset, yaw = draw_in_cone(rng, self.config.height_m, self.config.half_angle_deg)
             tilt = np.radians(self.config.gimbal_error_deg) * rng.standard_normal((1, 2))
-            place = site.centre + np.array([aside * np.cos(around), aside * np.sin(around), height])
+            place = site.centre + offset
             above = site.centre[None] + [[0, 0, 0.05]]
             if not (self.world.inside_building(place[None])[0] or site.ground.is_hit(above, place[None])[0]):
-                return place_cameras(place[None], np.cos([yaw]), np.sin([yaw]), tilt)[0], float(yaw)
+                return place_cameras(place[None], np.cos([yaw]), np.sin([yaw]), tilt)[0], yaw
         raise ToolkitError(
             f"'{site.place.name}' of {self.world.name}: {MOST_TRIES} cameras in a row were in a wall or saw nothing of "
             "the pad: the cone goes through a building: take a narrower or lower cone, or another place"
@@ -264,12 +259,3 @@ def plan_shards(config: CollectConfig, collector: Collector) -> list[tuple[str, 
             name = f"{split.replace('_', '-')}-{number:06d}.tar"
             plan.append((name, split, indices[start : start + config.shard_frames]))
     return plan
-
-
-def describe_collected(collected: Collected) -> dict[str, Any]:
-    """The result for a script."""
-    about = collected.about
-    return {
-        "folder": str(collected.folder), "train": collected.count("train"), "held_out": collected.count("held_out"),
-        "shards": len(about.shards), "made": collected.made, "places": about.places, "complete": about.complete,
-    }  # fmt: skip

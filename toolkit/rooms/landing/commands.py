@@ -34,12 +34,15 @@ def collect(
     """Shoot what a drone sees of a pad into captures/landing/NAME. Interrupted runs resume."""
     from toolkit.core.console import list_skipped
     from toolkit.rooms.landing.collect import collect as run
-    from toolkit.rooms.landing.collect import describe_collected
 
     collected = run(open_workspace(workspace), config, seed, restart, engine)
     list_skipped(collected.failed)
     if as_json:
-        show_json(describe_collected(collected))
+        about = collected.about
+        show_json({
+            "folder": str(collected.folder), "train": collected.count("train"), "held_out": collected.count("held_out"),
+            "shards": len(about.shards), "made": collected.made, "places": about.places, "complete": about.complete,
+        })  # fmt: skip
     else:
         show_collected(collected)
     if collected.failed:
@@ -85,7 +88,7 @@ def train(
 ) -> None:
     """Train a network to find the pad in pictures. Interrupted runs resume."""
     from toolkit.rooms.landing.regressor import write_saliency
-    from toolkit.rooms.landing.train import describe_trained, export_onnx, find_dataset, train_regressor
+    from toolkit.rooms.landing.train import export_onnx, find_dataset, train_regressor
 
     if recipe not in TRAINING:
         raise one_of("recipe", recipe, list(TRAINING))
@@ -106,7 +109,10 @@ def train(
     shares = [] if saliency is None else write_saliency(trained.regressor, folders[0], saliency)
     if as_json:
         errors = {name: [row.model_dump() for row in some] for name, some in rows.items()}
-        show_json(describe_trained(trained) | {"errors": errors, "saliency_on_pad": shares})
+        show_json({
+            "regressor": str(trained.file), "was_finished": trained.was_finished, "resumed_from": trained.resumed_from,
+            "record": trained.regressor.record.model_dump(mode="json"), "errors": errors, "saliency_on_pad": shares,
+        })  # fmt: skip
         return
     done = "was trained with these inputs before" if trained.was_finished else "trained"
     say(f"{trained.file}: {done}, from {trained.regressor.record.started_from}")
@@ -237,12 +243,15 @@ def boost(
     """Train the pad's picture for a regressor, and print it at true size. Interrupted runs resume."""
     from toolkit.core.tables import build_table, format_percent
     from toolkit.models.network import choose_device
-    from toolkit.rooms.landing.boost import boost_pad, describe_boosted
+    from toolkit.rooms.landing.boost import boost_pad
 
     space = open_workspace(workspace)
     made = boost_pad(space, regressor, config, printing, seed=seed, device=choose_device(device), restart=restart)
     if as_json:
-        show_json(describe_boosted(made))
+        show_json({
+            "pad": str(made.file), "pdf": str(made.pdf), "pages": made.pages, "was_finished": made.was_finished,
+            "errors": made.errors, "final": made.patch.record.final,
+        })  # fmt: skip
         return
     from toolkit.core.console import console
 

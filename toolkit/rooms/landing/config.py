@@ -39,7 +39,16 @@ WeatherWords = Annotated[Weathers, Flag("--weather", metavar="NAME[:SEVERITY]", 
 Heights = Annotated[
     Range, Rising(0.3, 200), Flag(), Field(description="Lowest and highest camera, metres above the pad.")
 ]
-HalfAngle = Annotated[float, Field(gt=0, le=50), Flag("--half-angle")]
+HalfAngle = Annotated[
+    float,
+    Field(gt=0, le=50, description="Cameras stand in a cone above the pad; degrees from its axis to its side."),
+    Flag("--half-angle"),
+]
+GimbalError = Annotated[
+    float,
+    Field(ge=0, le=20, description="Error of the camera's mount, degrees, standard deviation."),
+    Flag("--gimbal-error"),
+]
 
 
 class CameraConfig(Config):
@@ -93,12 +102,8 @@ class CollectConfig(Config):
         None, description="Your own place in the world, metres, instead."
     )
     height_m: Heights = (0.8, 10.0)
-    half_angle_deg: HalfAngle = Field(
-        25.0, description="Cameras stand in a cone above the pad; degrees from its axis to its side."
-    )
-    gimbal_error_deg: Annotated[float, Field(ge=0, le=20), Flag("--gimbal-error")] = Field(
-        0.3, description="Error of the camera's mount, degrees, standard deviation."
-    )
+    half_angle_deg: HalfAngle = 25.0
+    gimbal_error_deg: GimbalError = 0.3
     times: Annotated[Times, Flag("--time", metavar="NAME")] = Field(
         ("noon",), description="Time of day; repeat for more: each place takes the next."
     )
@@ -210,9 +215,7 @@ class BoostConfig(Config):
     time: OneTime = "noon"
     views: Annotated[int, Field(ge=8, le=20_000), Flag()] = Field(320, description="Number of rendered views.")
     height_m: Heights = (0.8, 10.0)
-    half_angle_deg: HalfAngle = Field(
-        25.0, description="Cameras stand in a cone above the pad; degrees from its axis to its side."
-    )
+    half_angle_deg: HalfAngle = 25.0
     weathers: WeatherWords = Field(
         parse_weathers(["fog", "dust"]), description="Weather between pad and camera; repeat for more."
     )
@@ -289,9 +292,7 @@ class EpisodeConfig(Config):
         0.05, description="Delay from a picture to its command, seconds."
     )
     # the deviation of its bias over an episode; a third of it trembles
-    gimbal_error_deg: Annotated[float, Field(ge=0, le=20), Flag("--gimbal-error")] = Field(
-        0.3, description="Error of the camera's mount, degrees, standard deviation."
-    )
+    gimbal_error_deg: GimbalError = 0.3
     radius_m: Annotated[float, Field(gt=0, le=10), Flag()] = Field(
         0.5, description="A landing counts as a success within this distance of the centre, metres."
     )

@@ -258,15 +258,26 @@ class Flights:
 
     def level_frame(self, places: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         """(m, 2) the pad's (x, y) in the frame of level cameras at places (m, 3): right and back."""
-        east, north = (self.pads[chosen, :2] - places[:, :2]).T
-        cosine, sine = np.cos(self.yaw[chosen]), np.sin(self.yaw[chosen])
-        return np.array([east * sine - north * cosine, -east * cosine - north * sine]).T
+        # the mirror between the two frames is its own inverse
+        return self.level_offsets(self.pads[chosen, :2] - places[:, :2], chosen)
 
     def _end(self, k: int, outcome: str) -> None:
         episode, place = self.episodes[k], self.state.position[:, k]
         episode.outcome, episode.time_s = outcome, self.time_s
         if np.isfinite(place).all():
             episode.track.append(place.copy())
+
+
+def draw_in_cone(
+    rng: np.random.Generator, height_m: tuple[float, float], half_angle_deg: float
+) -> tuple[np.ndarray, float]:
+    """(3,) a camera's place over the pad's centre, in a cone that stands on it, metres; and its heading, rad."""
+    # even in the logarithm: as many pictures of each doubling of the height
+    height = np.exp(rng.uniform(*np.log(height_m)))
+    yaw, around = rng.uniform(0, 2 * np.pi, 2)
+    # the root spreads cameras evenly over the disc at this height
+    aside = height * np.tan(np.radians(half_angle_deg)) * rng.uniform() ** 0.5
+    return np.array([aside * np.cos(around), aside * np.sin(around), height]), float(yaw)
 
 
 def place_cameras(places: np.ndarray, cosine: np.ndarray, sine: np.ndarray, tilt: np.ndarray) -> np.ndarray:

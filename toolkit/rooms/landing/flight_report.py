@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,16 +33,13 @@ from toolkit.evaluation.run_files import (
 from toolkit.evaluation.summaries import SCHEMA_VERSION
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.imaging.style import AMBER, COLOURS, GREEN, ORANGE, PINK, UNPATCHED_COLOUR, style_panel
-from toolkit.rooms.landing.config import CameraConfig, EpisodeConfig, FlyConfig
+from toolkit.rooms.landing.config import EpisodeConfig, FlyConfig
 from toolkit.rooms.landing.episodes import OUTCOMES, Flights
-from toolkit.rooms.landing.fly import FLIGHTS, TICKS, EpisodeRecord, FlightCell, Flown
+from toolkit.rooms.landing.fly import FLIGHTS, TICKS, EpisodeRecord, FlightCell, Flown, load_predictors
 from toolkit.rooms.landing.regressor import list_regressors, load_regressor
 from toolkit.rooms.landing.site import PadSite, SiteView, find_pad, find_sky, find_world
 from toolkit.rooms.worlds.depth_weather import describe_weathers
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 LINE_COLOURS = (UNPATCHED_COLOUR, *COLOURS, "#f0e442")
 OUTCOME_COLOURS = {
     "success": GREEN, "missed": AMBER, "crashed": ORANGE, "lost": PINK, "timed_out": UNPATCHED_COLOUR,
@@ -205,20 +202,16 @@ def draw_success(results: Sequence[CellResult]) -> bytes:
         "clear"
     ]
     # a line for each combination that is flown, a panel for each weather
-    lines = list(dict.fromkeys((result.cell.pad, result.cell.regressor, result.cell.gains) for result in results))
+    lines: dict[tuple[str, str, str], list[CellResult]] = {}
+    for result in results:
+        lines.setdefault((result.cell.pad, result.cell.regressor, result.cell.gains), []).append(result)
     figure = make_figure(2 + 3.6 * len(weathers), 4.4)
     panels = figure.subplots(1, len(weathers), sharey=True, squeeze=False)[0]
     for panel, weather in zip(panels, weathers, strict=True):
-        for number, line in enumerate(lines):
+        for number, (line, flown) in enumerate(lines.items()):
             # clear air is severity 0 of every weather
-            own = sorted(
-                (
-                    result
-                    for result in results
-                    if _line(result.cell) == line and result.cell.weather in (weather, "clear")
-                ),
-                key=lambda result: result.cell.severity,
-            )
+            own = [result for result in flown if result.cell.weather in (weather, "clear")]
+            own.sort(key=lambda result: result.cell.severity)
             if not own:
                 continue
             # lines are moved apart a little, so that their intervals do not cover each other
@@ -243,10 +236,6 @@ def draw_success(results: Sequence[CellResult]) -> bytes:
     return encode_figure(figure)
 
 
-def _line(cell: FlightCell) -> tuple[str, str, str]:
-    return cell.pad, cell.regressor, cell.gains
-
-
 @with_default_style
 def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
     """PNG: the first episodes of some cells from above and from aside, coloured by their end.
@@ -254,6 +243,9 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
     Args:
         radius_m: of the circle that a success is in.
     """
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Circle
+
     # two rows of panels for each band: from above, and height over distance
     some = pick_cells(results, MOST_TRACKED)
     columns = min(len(some), TRACK_COLUMNS)
@@ -283,7 +275,11 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
             f"pad {cell_result.cell.pad}, regressor {cell_result.cell.regressor}\n"
             f"{cell_result.cell.air}, {cell_result.cell.gains} gains: {cell_result.success:.0%} land"
         )
-        _frame(above, title, radius_m)
+        above.add_patch(Circle((0, 0), radius_m, fill=False, color="#1b1f24", lw=1.2))
+        above.set_aspect("equal", adjustable="box")
+        above.set_title(title, fontsize=9)
+        above.set_xlabel("east (m)", fontsize=9)
+        above.grid(alpha=0.3)
         above.set(xlim=(-reach_m, reach_m), ylim=(-reach_m, reach_m))
         aside.set_xlabel("aside (m)")
         aside.set(xlim=(0, away_m), ylim=(-0.3, top_m))
@@ -291,20 +287,14 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
         if k % columns == 0:
             above.set_ylabel("north of the pad (m)")
             aside.set_ylabel("height (m)")
-    _explain_colours(figure, some)
-    return encode_figure(figure)
-
-
-def _explain_colours(figure: "Figure", results: Sequence[CellResult]) -> None:
-    from matplotlib.lines import Line2D
-
-    met = {record.outcome for result in results for record in result.records if record.track}
+    met = {record.outcome for result in some for record in result.records if record.track}
     lines = [
         Line2D([], [], color=colour, label=name.replace("_", " "))
         for name, colour in OUTCOME_COLOURS.items()
         if name in met
     ]
     figure.legend(handles=lines, loc="outside lower center", ncols=len(lines), frameon=False)
+    return encode_figure(figure)
 
 
 def pick_cells(results: Sequence[CellResult], most: int) -> list[CellResult]:
@@ -312,16 +302,6 @@ def pick_cells(results: Sequence[CellResult], most: int) -> list[CellResult]:
     if len(results) <= most:
         return list(results)
     return [results[k] for k in np.linspace(0, len(results) - 1, most).round().astype(int)]
-
-
-def _frame(panel: "Axes", title: str, radius_m: float) -> None:
-    from matplotlib.patches import Circle
-
-    panel.add_patch(Circle((0, 0), radius_m, fill=False, color="#1b1f24", lw=1.2))
-    panel.set_aspect("equal", adjustable="box")
-    panel.set_title(title, fontsize=9)
-    panel.set_xlabel("east (m)", fontsize=9)
-    panel.grid(alpha=0.3)
 
 
 def draw_map(record: EpisodeRecord, upto: int, config: FlyConfig, size_px: int = FILM_PX) -> np.ndarray:
@@ -434,10 +414,7 @@ def write_report(
 def film_episode(space: Workspace, config: FlyConfig, flown: Flown, record: EpisodeRecord, seed: int) -> Film:
     """Film an episode whose track was kept: what its camera saw is rendered again along the track."""
     number = record.index % len(flown.places)
-    # the camera that the regressor was trained with
-    trained = [load_regressor(space, name).record for name in config.regressors if name in list_regressors(space)]
-    optics = CameraConfig(image_px=trained[0].image_px, fov_deg=trained[0].fov_deg) if trained else CameraConfig()
-    size_m = config.size_m or (trained[0].size_m if trained else 2.0)
+    _, optics, size_m = load_predictors(space, config, "cpu")
     pad = next(pad for pad in (find_pad(space, word, size_m, seed) for word in config.pads) if pad.name == record.pad)
     world = find_world(config.world, config.world_seed)
     site = PadSite(world, flown.places[number], find_sky(config.time), pad, optics)

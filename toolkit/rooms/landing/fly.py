@@ -33,6 +33,7 @@ from toolkit.rooms.landing.site import (
     find_world,
     plan_places,
 )
+from toolkit.rooms.worlds.conditions import name_weather
 from toolkit.rooms.worlds.world import World
 
 FINDERS = ("features", "apriltag")
@@ -107,13 +108,13 @@ class FlightCell:
     @property
     def key(self) -> str:
         """`plain/pad-net/grass/fog:3/gentle`."""
-        air = self.weather if self.weather == "clear" else f"{self.weather}:{self.severity}"
+        air = name_weather(self.weather, self.severity)
         return "/".join((self.pad, self.regressor, self.world, air, self.gains))
 
     @property
     def air(self) -> str:
         """`clear`, or `fog 3`."""
-        return self.weather if self.weather == "clear" else f"{self.weather} {self.severity}"
+        return name_weather(self.weather, self.severity).replace(":", " ")
 
     @property
     def words(self) -> str:
@@ -248,7 +249,7 @@ def fly_all(
     Raises:
         ToolkitError: a regressor, pad, world or weather cannot be used, or no cell can be flown.
     """
-    predictors, optics, size_m = _load_predictors(space, config, device)
+    predictors, optics, size_m = load_predictors(space, config, device)
     pads = {word: find_pad(space, word, size_m, seed) for word in config.pads}
     world = find_world(config.world, config.world_seed)
     places = _choose_places(world, config, size_m, seed, _find_used(predictors, world))
@@ -306,7 +307,7 @@ def fly_unit(shared: Shared[FlightSetup], cell: FlightCell, indices: list[int]) 
         yield episode, Clock() if at else clock
 
 
-def _load_predictors(
+def load_predictors(
     space: Workspace, config: FlyConfig, device: str
 ) -> tuple[dict[str, Regressor | None], CameraConfig, float]:
     """Regressors by name, None for classical finders; their camera, and their pad's side."""

@@ -20,6 +20,7 @@ from toolkit.models.predict import ask_in_parts
 from toolkit.models.weights import WeightsFile, read_state_dict
 from toolkit.rooms.landing.config import CameraConfig, Pool
 from toolkit.rooms.landing.dataset import Sample, SampleSet, find_shard, open_dataset, read_shard
+from toolkit.rooms.worlds.conditions import name_weather
 from toolkit.training.classifier_task import load_tensors
 
 SUFFIX = ".safetensors"
@@ -258,9 +259,7 @@ def summarise_errors(answers: np.ndarray, samples: SampleSet) -> list[ErrorRow]:
             name = f"over {low:g}{unit}" if np.isinf(high) else f"{low:g}-{high:g}{unit}"
             if within.any():
                 rows.append(_row(by, name, errors[within], heights[within]))
-    weathers = [
-        truth.weather if truth.weather == "clear" else f"{truth.weather}:{truth.severity}" for truth in samples.truths
-    ]
+    weathers = [name_weather(truth.weather, truth.severity) for truth in samples.truths]
     for weather in sorted(set(weathers)):
         within = np.array([kind == weather for kind in weathers])
         rows.append(_row("weather", weather, errors[within], heights[within]))

@@ -383,11 +383,3 @@ def export_onnx(regressor: Regressor, file: Path) -> Path:
         except ImportError as error:
             raise ToolkitError(f"ONNX export needs {error.name}: pip install onnx") from None
         return write_bytes(file, made.read_bytes())
-
-
-def describe_trained(trained: TrainedRegressor) -> dict[str, Any]:
-    """The result for a script."""
-    return {
-        "regressor": str(trained.file), "was_finished": trained.was_finished, "resumed_from": trained.resumed_from,
-        "record": trained.regressor.record.model_dump(mode="json"),
-    }  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 from toolkit.imaging.colour import LINEAR_OF_CODE
 from toolkit.rig.board import Board, CharucoBoard, Chessboard
 from toolkit.rig.camera import Camera
-from toolkit.rig.markers import get_dictionary
+from toolkit.rig.markers import DICTIONARIES, get_dictionary
 from toolkit.rooms.photos.corners import STOP, grow_corners, refine_marker
 from toolkit.rooms.photos.lens import scale_lens
 from toolkit.rooms.photos.posed_camera import PhotoPose, fit_plane_pose
@@ -94,28 +94,33 @@ def find_board(image: np.ndarray, board: Board) -> BoardSighting | None:
     return BoardSighting(ids, corners_px, finder.world_mm[ids], grey.shape[1], grey.shape[0])
 
 
-FAMILIES = ("DICT_4X4", "DICT_5X5", "DICT_6X6", "DICT_7X7")
-SIZES = (50, 100, 250, 1000)
-"""Markers in each size of a family: a smaller dictionary begins a larger, as nearly every board does."""
+FAMILIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000")
 OTHERS = ("DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h11")
 """Without `DICT_APRILTAG_16h5`, which is seen in any texture."""
 LEAST_MARKERS = 4
-"""Different markers of a dictionary that must be read before it counts as seen."""
+"""Different markers of a dictionary that must be read before it counts as seen; any clutter yields fewer."""
 
 
 def find_dictionary(image: np.ndarray) -> str | None:
     """Return the smallest dictionary of the markers in a picture (h, w, 3) uint8 sRGB, such as `DICT_4X4_50`."""
     grey = shrink(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), SEARCH_SIDE_PX)
-    first = [*(f"{family}_{SIZES[0]}" for family in FAMILIES), *OTHERS]
+    # nearly every board begins with the first markers of its family
+    first = [*(find_smallest(family, 1) for family in FAMILIES), *OTHERS]
     counts = {name: len(numbers) for name, numbers in zip(first, read_markers(grey, first), strict=True)}
     best = max(counts, key=lambda name: counts[name])
     if counts[best] < LEAST_MARKERS:
         return None
     if best in OTHERS:
         return best
-    family = best.rpartition("_")[0]
-    largest = max(read_markers(grey, [f"{family}_{SIZES[-1]}"])[0])
-    return f"{family}_{next(size for size in SIZES if largest < size)}"
+    family = FAMILIES[first.index(best)]
+    return find_smallest(family, 1 + max(read_markers(grey, [family])[0]))
+
+
+def find_smallest(family: str, count: int) -> str:
+    """The smallest dictionary of a family with so many markers, or none; larger ones begin with the smaller."""
+    stem = family.removesuffix("1000")
+    fit = [name for name, known in DICTIONARIES.items() if name.startswith(stem) and known >= count]
+    return min(fit, key=DICTIONARIES.__getitem__, default="")
 
 
 def read_markers(

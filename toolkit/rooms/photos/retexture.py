@@ -6,7 +6,6 @@ What `toolkit retexture` runs: `captures/retextured/OBJECT/VARIANT`, which `eval
 import itertools
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -104,12 +103,16 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
     # true photographs take the others' numbers where as many are given, since a number is what pairs them
     bare_number_of = {file: number for number, file in enumerate(bare_files, 1 if paired else len(files) + 1)}
     bare, refused = use_each("reading bare photographs", config.bare, read_photo) if config.bare else ([], [])
-    put = partial(_retexture, root, name, found=found, variants=variants, seed=config.seed, done=done)
-    kept, skipped = use_each("retexturing", photos, lambda file: put(number_of[file], file))
+
+    def put(file: Path) -> tuple[str, dict[str, Any]]:
+        shot = _Shot(root, name, number_of[file], read_photo(file))
+        return _retexture(shot, found, variants, config.seed, done)
+
+    kept, skipped = use_each("retexturing", photos, put)
     for photo in bare:
-        number, key = bare_number_of[photo.path], PICTURES.key(photo.sha256)
-        if not is_finished(root, done.get(_path(name, "unpatched", number, photo)), key):
-            _write_taken(root, name, "unpatched", number, photo, key)
+        shot, key = _Shot(root, name, bare_number_of[photo.path], photo), PICTURES.key(photo.sha256)
+        if not is_finished(root, done.get(shot.path("unpatched")), key):
+            shot.write_taken("unpatched", key)
     return RetextureRun(root, name, (*variants, AS_TAKEN), tuple(kept), (*skipped, *refused), len(bare), paired)
 
 
@@ -120,59 +123,59 @@ def _name_object(path: Path) -> str:
     return folder
 
 
+@dataclass(frozen=True)
+class _Shot:
+    """A photograph, and its number among those of an object below a folder of captures."""
+
+    root: Path
+    object: str
+    number: int
+    photo: Photo
+
+    def path(self, variant: str) -> str:
+        suffix = SUFFIXES[self.photo.kind] if self.photo.kind in ("jpeg", "png") else ".jpg"
+        return f"{self.object}/{variant}/pose_{self.number:02d}{suffix}"
+
+    def write(
+        self, variant: str, key: str, content: bytes, made: dict[str, Any], booster_sha256: str | None = None
+    ) -> None:
+        write_bytes(self.root / self.path(variant), content, self.root.parent)
+        append_record(self.root, CaptureRecord(
+            path=self.path(variant), object=self.object, variant=variant, pose_id=self.number,
+            booster_sha256=booster_sha256, image_sha256=sha256_bytes(content), inputs_sha256=key,
+            made={"with": f"toolkit {__version__}"} | made,
+        ))  # fmt: skip
+
+    def write_taken(self, variant: str, key: str, booster_sha256: str | None = None) -> None:
+        """Write the photograph as it was taken."""
+        made = {"original_name": self.photo.name, "original_sha256": self.photo.sha256}
+        self.write(variant, key, encode_like(self.photo, None), made, booster_sha256)
+
+
 def _retexture(
-    root: Path, name: str, number: int, file: Path, found: Sequence[KnownPatch], variants: dict[str, KnownPatch],
-    seed: int, done: dict[str, CaptureRecord],
-) -> tuple[str, dict[str, Any]]:  # fmt: skip
+    shot: _Shot, found: Sequence[KnownPatch], variants: dict[str, KnownPatch], seed: int, done: dict[str, CaptureRecord]
+) -> tuple[str, dict[str, Any]]:
     """Name and facts of a photograph, its variants written."""
-    photo = read_photo(file)
+    photo = shot.photo
     # pictures of an earlier run are kept if their inputs are the same
     known = [patch.sha256 for patch in found]
     keys = {variant: PICTURES.key(photo.sha256, known, patch.sha256, seed) for variant, patch in variants.items()}
     keys[AS_TAKEN] = PICTURES.key(photo.sha256)
-    records = {variant: done.get(_path(name, variant, number, photo)) for variant in keys}
-    finished = {variant for variant, record in records.items() if is_finished(root, record, keys[variant])}
+    records = {variant: done.get(shot.path(variant)) for variant in keys}
+    finished = {variant for variant, record in records.items() if is_finished(shot.root, record, keys[variant])}
     first = records[next(iter(variants))]
     if first is not None and len(finished) == len(keys):
         return photo.name, dict(first.made[RETEXTURED])
     # fit the look of the photograph, then draw each patch by it
-    fitted = fit_photo(file, found)
+    fitted = fit_photo(photo.path, found)
     facts = fitted.facts()
-    made = {"with": f"toolkit {__version__}", RETEXTURED: facts}
-    pictures = fitted.with_patches(list(variants.values()), Draws(seed, number, "retexture"))
+    pictures = fitted.with_patches(list(variants.values()), Draws(seed, shot.number, "retexture"))
     for (variant, patch), picture in zip(variants.items(), pictures, strict=True):
         if variant not in finished:
-            content, key = encode_like(photo, picture), keys[variant]
-            _write(root, name, variant, number, photo, content, made=made, key=key, booster_sha256=patch.sha256)
+            shot.write(variant, keys[variant], encode_like(photo, picture), {RETEXTURED: facts}, patch.sha256)
     if AS_TAKEN not in finished:
-        _write_taken(root, name, AS_TAKEN, number, photo, keys[AS_TAKEN], fitted.patch.sha256)
+        shot.write_taken(AS_TAKEN, keys[AS_TAKEN], fitted.patch.sha256)
     return photo.name, facts
-
-
-def _write_taken(
-    root: Path, name: str, variant: str, number: int, photo: Photo, key: str, booster_sha256: str | None = None
-) -> None:
-    """Write a photograph as it was taken."""
-    made = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
-    content = encode_like(photo, None)
-    _write(root, name, variant, number, photo, content, made=made, key=key, booster_sha256=booster_sha256)
-
-
-def _path(name: str, variant: str, number: int, photo: Photo) -> str:
-    suffix = SUFFIXES[photo.kind] if photo.kind in ("jpeg", "png") else ".jpg"
-    return f"{name}/{variant}/pose_{number:02d}{suffix}"
-
-
-def _write(
-    root: Path, name: str, variant: str, number: int, photo: Photo, content: bytes, *,
-    made: dict[str, Any], key: str, booster_sha256: str | None = None,
-) -> None:  # fmt: skip
-    path = _path(name, variant, number, photo)
-    write_bytes(root / path, content, root.parent)
-    append_record(root, CaptureRecord(
-        path=path, object=name, variant=variant, pose_id=number, booster_sha256=booster_sha256,
-        image_sha256=sha256_bytes(content), made=made, inputs_sha256=key,
-    ))  # fmt: skip
 
 
 def encode_like(photo: Photo, picture: np.ndarray | None) -> bytes:

@@ -13,15 +13,21 @@ from toolkit.core.errors import ToolkitError
 from toolkit.imaging.read import UnreadableImage
 from toolkit.rig.board_file import BoardSpec
 from toolkit.rig.markers import DICTIONARIES, get_dictionary
-from toolkit.rooms.photos.board_pose import SEARCH_SIDE_PX, detector_parameters, read_markers, shrink
+from toolkit.rooms.photos.board_pose import (
+    LEAST_MARKERS,
+    SEARCH_SIDE_PX,
+    detector_parameters,
+    find_smallest,
+    read_markers,
+    shrink,
+)
 from toolkit.rooms.photos.corners import refine_marker
 from toolkit.rooms.photos.photo import list_photos, load_pixels, read_photo
+from toolkit.rooms.photos.prints.align import map_points
 
 MOST_PHOTOS = 12
 """Photographs that are read, spread over the folder; every dictionary is tried in the first few."""
 FIRST_PHOTOS = 3
-LEAST_MARKERS = 4
-"""Smallest number of markers in a photograph with a board; any clutter yields fewer."""
 LEAST_SHARE = 0.2
 """Share of the photographs with a board in which a marker must be found to count as the board's own."""
 NEAR_SIDES = 4.0
@@ -186,7 +192,7 @@ def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
         }
         middles = {number: c.mean(axis=0) for number, c in seen.items()}
         for a, b in ((a, b) for a in seen for b in seen if a < b):
-            there, back = _map(frames[a], middles[b][None])[0], _map(frames[b], middles[a][None])[0]
+            there, back = map_points(frames[a], middles[b][None])[0], map_points(frames[b], middles[a][None])[0]
             if max(np.linalg.norm(there), np.linalg.norm(back)) < NEAR_SIDES:
                 steps.setdefault((a, b), []).append((there - back) / 2)  # perspective cancels to first order
     numbers = sorted({number for pair in steps for number in pair})
@@ -215,7 +221,7 @@ def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
             to_board, _ = cv2.findHomography(np.concatenate([seen[number] for number in known]), board)
             if to_board is not None:
                 for number in known:
-                    corners = _map(to_board, seen[number])
+                    corners = map_points(to_board, seen[number])
                     told.setdefault(number, []).append(corners.mean(axis=0))
                     sides.append(float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean()))
         for number, found in told.items():
@@ -223,10 +229,6 @@ def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
             places[index[number]] = np.median(found, axis=0)
         places /= np.median(sides)  # the marker's side stays the unit
     return {number: places[index[number]] for number in numbers}
-
-
-def _map(homography: np.ndarray, points: np.ndarray) -> np.ndarray:
-    return cv2.perspectiveTransform(np.asarray(points, float)[None], homography)[0]
 
 
 def _tell_layout(family: str, places: dict[int, np.ndarray]) -> BoardSpec:
@@ -277,7 +279,7 @@ def _fit_numbers(
         if first < 0 or (starts_white and rows % 2):
             continue
         # dictionaries of one family share their first markers: the smallest that has all numbers
-        dictionary = _smallest(family, first + len(squares))
+        dictionary = find_smallest(family, first + len(squares)) or None
         kind = "charuco" if is_charuco else "apriltag-grid" if "APRILTAG" in family else "aruco-grid"
         spec = BoardSpec(
             kind=kind, columns=columns, rows=rows, square_mm=1.0, marker_mm=round(marker_share, 4),
@@ -286,13 +288,6 @@ def _fit_numbers(
         if dictionary and agree >= LEAST_AGREE * len(numbers) and (best is None or agree > best[0]):
             best = agree, spec
     return best[1] if best else None
-
-
-def _smallest(family: str, count: int) -> str | None:
-    """The smallest dictionary of a family that has so many markers: OpenCV's larger ones begin with the smaller."""
-    stem = family.removesuffix("1000")
-    fit = [name for name, known in DICTIONARIES.items() if name.startswith(stem) and known >= count]
-    return min(fit, key=DICTIONARIES.__getitem__) if fit else None
 
 
 def _tell_chessboard(pictures: Sequence[np.ndarray]) -> FoundBoard | None:

@@ -92,6 +92,11 @@ def parse_weathers(words: Sequence[str]) -> tuple[tuple[str, int], ...]:
     return tuple(dict.fromkeys(pairs))
 
 
+def name_weather(name: str, severity: int) -> str:
+    """The word that `parse_weathers` reads: `clear`, or `fog:3`."""
+    return name if name == "clear" else f"{name}:{severity}"
+
+
 def read_weathers(given: object) -> object:
     """(name, severity) of each from words such as `fog:1-5` and `dust`; pairs, and anything else, as they are.
 

@@ -15,7 +15,7 @@ from pydantic import Field
 from toolkit.core.config import align_rows
 from toolkit.core.draws import Draws
 from toolkit.rooms.worlds.clouds import paint_noise
-from toolkit.rooms.worlds.conditions import check_weather
+from toolkit.rooms.worlds.conditions import check_weather, name_weather
 from toolkit.rooms.worlds.fog import DepthFog, Dust, find_visibility, hang_veil
 from toolkit.rooms.worlds.particles import AffineLight, DepthView, InWind, Population, draw_coverage, lay_particles
 
@@ -252,7 +252,7 @@ def make_weather(name: str, severity: int) -> Weather:
 def describe_weathers(weathers: Sequence[tuple[str, int]]) -> list[str]:
     """A line for each (name, severity) with the numbers behind it, to be printed with results."""
     return align_rows([
-        (name if name == "clear" else f"{name}:{severity}", make_weather(name, severity).describe())
+        (name_weather(name, severity), make_weather(name, severity).describe())
         for name, severity in weathers
     ])  # fmt: skip
 

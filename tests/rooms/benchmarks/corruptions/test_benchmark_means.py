@@ -196,7 +196,7 @@ def test_refuses_what_cannot_be_compared():
 
 def test_summary_reads_back(tmp_path, whole):
     summary = summarise(replace(whole, failed=(("a.png", "no image"),), notes=("a note",)))
-    file = write_json(tmp_path / "summary.json", summary.as_json())
+    file = write_json(tmp_path / "summary.json", summary.model_dump(mode="json"))
     assert read_summary(file) == summary
     content = json.loads(file.read_text())
     content["cells"][3]["top1"] = "many"

@@ -8,9 +8,9 @@ import numpy as np
 
 from toolkit.captures.capture import UNPATCHED
 from toolkit.core.errors import ToolkitError
-from toolkit.core.statistics import mcnemar_p, wilson_interval
+from toolkit.core.statistics import PairedOutcomes, wilson_interval
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, IMAGENET, SEVERITIES
-from toolkit.evaluation.metrics import estimate_difference, estimate_share
+from toolkit.evaluation.metrics import describe_change, estimate_difference, estimate_share
 from toolkit.evaluation.summaries import list_reasons
 from toolkit.rooms.benchmarks.corruptions import CLEAN, NOT_CORRUPTED, Condition
 from toolkit.rooms.benchmarks.corruptions.benchmark_summary import (
@@ -196,8 +196,7 @@ def _count_cells(series: Series, unpatched: Series | None, corruptions: Sequence
         if unpatched is not None and series.variant != UNPATCHED:
             # paired with the same images without patches
             before = unpatched.ranks[key] == RIGHT
-            gained, lost = int((is_right & ~before).sum()), int((before & ~is_right).sum())
-            change = {"gained": gained, "lost": lost, "mcnemar_p": mcnemar_p(gained, lost)}
+            change = describe_change(PairedOutcomes.count(zip(before.tolist(), is_right.tolist(), strict=True)))
         yield BenchmarkCell(
             **series.who, corruption=key[0], severity=key[1], n=n, right=right, top1=right / n,
             top1_ci95=wilson_interval(right, n), top5=series.others([key])["top5"],

@@ -138,7 +138,7 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
         files.append(write_bytes(folder / "figures" / f"{_name_file(f'{variant}-{answerer}', taken)}.png", png))
     report = write_report(folder / "report.html", summary, overview, figures, examples)
     # last, as proof that the rest is there
-    write_run(folder, summary.as_json() | {INPUTS: key}, {CELLS_CSV: encode_cells(summary)})
+    write_run(folder, summary.model_dump(mode="json") | {INPUTS: key}, {CELLS_CSV: encode_cells(summary)})
     return BenchmarkFiles(folder / SUMMARY, folder / CELLS_CSV, report, tuple(files))
 
 

@@ -164,10 +164,6 @@ class Summary(BaseModel):
     content_sha256: str | None = None
     toolkit_version: str = __version__
 
-    def as_json(self) -> dict[str, Any]:
-        """Content of the file."""
-        return self.model_dump(mode="json")
-
     @property
     def severities(self) -> tuple[int, ...]:
         """Severities of any corruption."""

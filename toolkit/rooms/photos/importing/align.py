@@ -11,17 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from toolkit.core.console import progress
-from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
-from toolkit.objects.load import load_object
 from toolkit.rig.applied.wrap import WRAP
 from toolkit.rig.camera import project
 from toolkit.rig.plan import CapturePlan
-from toolkit.rig.variants import VARIANTS, find_booster
 from toolkit.rooms.photos.gates.check_photo import ExpectationBuilder
 from toolkit.rooms.photos.gates.objects import KnownObjects
-from toolkit.rooms.photos.gates.patch import place_cells
+from toolkit.rooms.photos.gates.patch import ExpectedPatch
 from toolkit.rooms.photos.gates.pieces import look_for_pieces
 from toolkit.rooms.photos.importing.evidence import NOT_FOLLOWED, Evidence, Group
 from toolkit.rooms.photos.importing.gather import CaptureKey, SourceIndex
@@ -96,9 +93,8 @@ class Clues:
     """Compares pictures with the shots that they may be; renders and patches are made ready once."""
 
     def __init__(self, workspace: Workspace, plan: CapturePlan, matcher: RenderMatcher) -> None:
-        self._workspace, self._plan, self._matcher = workspace, plan, matcher
+        self._plan, self._matcher = plan, matcher
         self._known, self._expecter = KnownObjects(workspace), ExpectationBuilder(workspace)
-        self._patches: dict[Group, tuple[np.ndarray, list[np.ndarray]] | None] = {}
 
     def weigh(self, item: Evidence, shots: Sequence[CaptureKey]) -> np.ndarray:
         """(m,) cost of a photograph being each of the shots; 0 for all without evidence."""
@@ -150,10 +146,10 @@ class Clues:
         photo: SearchedPhoto | None = None
         seen: dict[Group, np.ndarray | None] = {}
         for group in groups:
-            mounted = self._find_patch(group)
-            if mounted is not None:
+            patch = self._find_patch(group)
+            if patch is not None:
                 photo = photo or search_photo(load_pixels(item.candidate.photo))
-                sighting = find_patch(photo, mounted[0])
+                sighting = find_patch(photo, patch.patches[str(patch.own)])
                 seen[group] = None if sighting is None else sighting.corners_px
         if not seen:
             return np.zeros(len(shots))
@@ -176,30 +172,21 @@ class Clues:
         return np.where(wrong, WRONG, 0.0)
 
     def _compare_corners(self, shot: CaptureKey, seen_px: np.ndarray | None) -> float:
-        mounted = self._find_patch((shot.object, shot.variant))
-        if seen_px is None or mounted is None:
+        patch = self._find_patch((shot.object, shot.variant))
+        if seen_px is None or patch is None:
             return WRONG
         (pose,) = [pose for pose in self._plan.objects[shot.object] if pose.id == shot.pose_id]
         cost = WRONG
-        for corners_mm in mounted[1]:  # any of the sheets may have been found
-            expected_px, depth = project(self._plan.camera, pose.matrix(), corners_mm)
+        for sheet in patch.sheets:  # any of the sheets may have been found
+            expected_px, depth = project(self._plan.camera, pose.matrix(), sheet.corners_mm)
             if (depth > 0).all():
                 cost = min(cost, rate_corners(seen_px, expected_px))
         return cost
 
-    def _find_patch(self, group: Group) -> tuple[np.ndarray, list[np.ndarray]] | None:
-        """Pixels of the patch of an object's variant, and on each sheet its corners (4, 3) in the world."""
-        if group not in self._patches:
-            self._patches[group] = None
-            try:
-                item = load_object(self._workspace.object_spec(group[0]))
-                booster = find_booster(self._workspace, item, group[1]) if group[1] in VARIANTS else None
-                if booster is not None and booster.sizes_mm and group[1] != "grey-patch" and not booster.alone:
-                    sheets = booster.sheets(item)
-                    self._patches[group] = booster.pixels, [place_cells(sheet).corners_mm for sheet in sheets]
-            except ToolkitError:
-                pass  # an object without its patch
-        return self._patches[group]
+    def _find_patch(self, group: Group) -> ExpectedPatch | None:
+        """The patch that an object's variant should wear, if its places are known."""
+        patch = self._expecter.expect(*group).patch
+        return patch if patch is not None and patch.own is not None and patch.sheets else None
 
 
 def rate_corners(first_px: np.ndarray, other_px: np.ndarray) -> float:

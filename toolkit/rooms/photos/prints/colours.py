@@ -6,6 +6,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 from scipy import sparse
+from scipy.interpolate import NdBSpline
 
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
@@ -219,17 +220,11 @@ ROUNDS = 3
 
 def cube_weights(colours: np.ndarray, nodes: int = NODES) -> sparse.csr_matrix:
     """(k, nodes³) weights of trilinear interpolation between the nodes round each of (k, 3) colours in [0, 1]."""
-    at = np.clip(np.asarray(colours, float), 0, 1) * (nodes - 1)
-    low = np.minimum(at.astype(int), nodes - 2)
-    share = at - low
-    rows = np.arange(len(at))
-    parts = []
-    # the eight corners of the cell that the colour lies in; weights are products of the shares along each side
-    for step in np.ndindex(2, 2, 2):
-        weight = np.prod(np.where(step, share, 1 - share), axis=1)
-        node = (low + step) @ [nodes * nodes, nodes, 1]
-        parts.append(sparse.csr_matrix((weight, (rows, node)), shape=(len(at), nodes**3)))
-    return sum(parts[1:], parts[0]).tocsr()
+    # the matrix ends with the last node that a colour uses: one more colour, dropped again, uses the last of all
+    at = np.clip(np.r_[np.asarray(colours, float), np.ones((1, 3))], 0, 1) * (nodes - 1)
+    # linear splines: the knots are the nodes, the outermost twice
+    knots = np.r_[0, np.arange(nodes), nodes - 1].astype(float)
+    return sparse.csr_matrix(NdBSpline.design_matrix(at, (knots,) * 3, 1))[:-1]
 
 
 @lru_cache(maxsize=2)

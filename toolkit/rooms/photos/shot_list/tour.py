@@ -288,6 +288,9 @@ def _mark_tilt(pdf: Pdf, target: Point, place: CameraPlace, scale: float) -> Non
 
 def draw_walk(pdf: Pdf, area: Rect, around: Surroundings, stops: Sequence[Stop]) -> None:
     """Draw the tour from pose to pose, on a map of directions: the middle is straight above the object."""
+    from shapely import LineString
+    from shapely import Point as Place
+
     centre = (area.x + area.width / 2, area.y + area.height / 2 + 1.8)
     radius = min(area.width, area.height - 3.6) / 2
     lowest = min(stop.place.tilt_deg for stop in stops)
@@ -319,10 +322,11 @@ def draw_walk(pdf: Pdf, area: Rect, around: Surroundings, stops: Sequence[Stop])
         if length > 2 * size + 0.8:
             unit = way / length * size
             pdf.arrow(tuple(np.add(a, unit)), tuple(np.subtract(b, unit * 1.12)), 1.7)
-    # the elevation of each ring, where places and the walk between them are farthest
+    # the elevation of each ring, where the walk is farthest; rounded, so that of equals the first counts on any machine
+    walk = LineString([*at, at[0]])
     for tilt in tilts:
         spots = [_towards(angle, (90 - tilt) * per_degree, centre) for angle in range(0, 360, 5)]
-        where = max(spots, key=lambda spot: min(_distance(spot, a, b) for a, b in pairwise([*at, at[0]])))
+        where = max(spots, key=lambda spot: round(walk.distance(Place(spot)), 6))
         pdf.write_on_white(f"{tilt}° up", *where, 2.2, colour=SOFT, plate=WASH)
     for stop, (x, y) in zip(stops, at, strict=True):
         first = stop.number == 1
@@ -333,11 +337,3 @@ def draw_walk(pdf: Pdf, area: Rect, around: Surroundings, stops: Sequence[Stop])
         pdf.write(str(stop.pose.id), x, y - 0.38 * size, 1.05 * size, room_mm=1.75 * size, font=BOLD, align="centre",
               colour=WHITE if first else CAMERA)  # fmt: skip
     pdf.write("front", centre[0], area.y - 0.6, 2.6, room_mm=20, font=BOLD, align="centre", colour=SOFT)
-
-
-def _distance(point: Point, start: Point, end: Point) -> float:
-    """From a point to a line between two others."""
-    way, off = np.subtract(end, start), np.subtract(point, start)
-    share = float(np.clip(off @ way / max(float(way @ way), 1e-9), 0, 1))
-    # rounded, so that of equal distances the first is taken on every machine
-    return round(float(np.hypot(*(off - share * way))), 6)

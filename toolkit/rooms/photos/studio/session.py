@@ -202,9 +202,9 @@ class Session:
         record = index.records.get(path) if path else None
         retake = bool(record and record.made.get("retake"))
         waiting = self.folders.find_waiting(step)
-        kept = (_original(record) or "")[:HASH_DIGITS] if record else None
+        original = find_original(record) if record else None
         # a kill between the two steps of `keep` leaves a kept photograph waiting
-        if waiting is not None and hash_in_name(waiting) != kept:
+        if waiting is not None and (original is None or hash_in_name(waiting) != original[0][:HASH_DIGITS]):
             return ShotState(step, "waiting", path, retake)
         # a photograph of another plan's pose is not this shot; without a plan, or by hand, it counts
         pose_sha256 = record.made.get("pose_sha256") if record else None
@@ -215,18 +215,13 @@ class Session:
     def _is_kept(self, step: ShotStep, sha256: str) -> bool:
         """Whether this photograph is the shot's already; `Refused` if it is another shot's."""
         for record in self._index().records.values():
-            if _original(record) != sha256 or not (self.source_dir / record.path).is_file():
+            if find_original(record) != (sha256, None) or not (self.source_dir / record.path).is_file():
                 continue
             if (record.object, record.variant, record.pose_id) == (step.object, step.variant, step.pose_id):
                 return True
             stored = f"{record.object} {record.variant} pose {record.pose_id}"
             raise Refused(CONFLICT, f"this photograph is stored already, as {stored}: take or choose another")
         return False
-
-
-def _original(record: CaptureRecord) -> str | None:
-    found = record.made.get("original_sha256")
-    return found if isinstance(found, str) else None
 
 
 def open_session(

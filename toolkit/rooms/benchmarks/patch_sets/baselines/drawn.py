@@ -3,6 +3,7 @@
 A code holds a class's index for its reader (the paper, D.2.1).
 """
 
+import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ from toolkit.boosters.patch_config import SMALLEST_PX
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
 from toolkit.objects.records import NetworkRecord, PatchRecord
+from toolkit.rig.markers import count_markers, get_dictionary
 from toolkit.rooms.benchmarks.patch_sets.baselines import APRILTAG, QR
 
 Advance = Callable[[int], None]
@@ -160,7 +162,7 @@ def draw_word(text: str, size_px: int) -> np.ndarray:
     words, best = text.split(), (0.0, text)
     lengths = {len(" ".join(words[k:end])) for k in range(len(words)) for end in range(k + 1, len(words) + 1)}
     for most in sorted(lengths):
-        lines = "\n".join(_break_lines(words, most))
+        lines = textwrap.fill(" ".join(words), most, break_long_words=False, break_on_hyphens=False)
         left, top, right, bottom = pen.multiline_textbbox((0, 0), lines, font=_font(100), align="center")
         size = 100 * room / max(right - left, bottom - top)
         best = max(best, (size, lines))
@@ -170,17 +172,6 @@ def draw_word(text: str, size_px: int) -> np.ndarray:
     place = (size_px - left - right) / 2, (size_px - top - bottom) / 2
     pen.multiline_text(place, best[1], fill=BLACK, font=font, align="center")
     return np.repeat(np.asarray(image)[..., None], 3, axis=2)
-
-
-def _break_lines(words: Sequence[str], most: int) -> list[str]:
-    """Break words into lines of at most so many letters, or a single word."""
-    lines: list[str] = []
-    for word in words:
-        if lines and len(lines[-1]) + 1 + len(word) <= most:
-            lines[-1] += f" {word}"
-        else:
-            lines.append(word)
-    return lines
 
 
 @lru_cache(maxsize=64)
@@ -200,17 +191,9 @@ DICTIONARIES = {"36h11": "DICT_APRILTAG_36h11", "36h10": "DICT_APRILTAG_36h10"}
 ERROR_CORRECTION = "H"
 
 
-@lru_cache(maxsize=len(DICTIONARIES))
-def tag_dictionary(name: str) -> Any:
-    """OpenCV's dictionary of a family."""
-    import cv2
-
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARIES[name]))
-
-
 def choose_dictionary(classes: int) -> str:
     """Return the family with the greatest distance between tags that has enough tags for all classes."""
-    return next(name for name in DICTIONARIES if classes <= len(tag_dictionary(name).bytesList))
+    return next(name for name, family in DICTIONARIES.items() if classes <= count_markers(family))
 
 
 class _Codes(Baseline):
@@ -263,7 +246,7 @@ class AprilTags(_Codes):
     def __init__(self, classes: int, border: int = 1) -> None:
         self.dictionary = choose_dictionary(classes)
         # the bits, and a black frame of a module at each side
-        super().__init__(tag_dictionary(self.dictionary).markerSize + 2, border)
+        super().__init__(get_dictionary(DICTIONARIES[self.dictionary]).markerSize + 2, border)
         self.settings = {"border_modules": border, "dictionary": self.dictionary}
 
     def choose(self, index: int, advance: Advance) -> Choice:
@@ -271,7 +254,7 @@ class AprilTags(_Codes):
         import cv2
 
         # a pixel for each module
-        black = cv2.aruco.generateImageMarker(tag_dictionary(self.dictionary), index, self.modules) == 0
+        black = cv2.aruco.generateImageMarker(get_dictionary(DICTIONARIES[self.dictionary]), index, self.modules) == 0
         advance(1)
         about = {"kind": APRILTAG, "text": str(index), "dictionary": self.dictionary}
         return self._choose(black, about)

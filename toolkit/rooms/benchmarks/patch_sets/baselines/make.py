@@ -179,8 +179,8 @@ class MadeSet:
     name: str
     folder: Path
     size_px: int
-    made: int
-    found: int
+    made: int = 0
+    found: int = 0
 
 
 @dataclass(frozen=True)
@@ -205,13 +205,6 @@ class MadeBaseline:
                 yield f"{made.folder}: its {made.found} pictures were made from these inputs before: nothing to do"
             else:
                 yield f"{made.folder}: nothing made"
-
-
-@dataclass(frozen=True)
-class _Place:
-    size_px: int
-    folder: Path
-    name: str
 
 
 def prepare_baseline(config: BaselineConfig, images: ImageSet | None, classifier: Classifier) -> Baseline:
@@ -257,18 +250,15 @@ def make_baseline(config: BaselineConfig, classifier: Classifier, workspace: Wor
     title = f"Making {config.set_name or config.kind}"
     with progress(title, sum(map(baseline.count_work, classes))) as bar:
         made, skipped = _make_pictures(baseline, classifier.labels, classes, places, bar)
-    sets = (
-        MadeSet(place.name, place.folder, place.size_px, made.count((place, True)), made.count((place, False)))
-        for place in places
-    )
+    sets = (replace(place, made=made.count((place, True)), found=made.count((place, False))) for place in places)
     return MadeBaseline(tuple(sets), (*(() if images is None else images.refused), *skipped))
 
 
 def _make_pictures(
-    baseline: Baseline, labels: list[str], classes: list[int], places: list[_Place], bar: Ticker
-) -> tuple[list[tuple[_Place, bool]], list[tuple[str, str]]]:
+    baseline: Baseline, labels: list[str], classes: list[int], places: list[MadeSet], bar: Ticker
+) -> tuple[list[tuple[MadeSet, bool]], list[tuple[str, str]]]:
     """(place, whether this run wrote it) of each finished picture, and (path, reason) of failures."""
-    made: list[tuple[_Place, bool]] = []
+    made: list[tuple[MadeSet, bool]] = []
     skipped: list[tuple[str, str]] = []
     for index in classes:
         name, inputs = name_class(labels, index), baseline.list_inputs(index)
@@ -296,7 +286,7 @@ def _make_pictures(
 
 def _choose_place(
     config: BaselineConfig, baseline: Baseline, classifier: Classifier, workspace: Workspace, size_px: int
-) -> _Place:
+) -> MadeSet:
     least, most = baseline.least_px, classifier.preprocessing.crop_px
     why = f" ({baseline.least_because})" if baseline.least_because else ""
     if least > most:
@@ -306,10 +296,10 @@ def _choose_place(
             f"expected {least}{why} to {most} px, the side of the network's image in pixels", {"sizes_px": size_px}
         )
     name = config.name_set(size_px)
-    return _Place(size_px, replace(workspace, patch_set=name).patches_dir, name)
+    return MadeSet(name, replace(workspace, patch_set=name).patches_dir, size_px)
 
 
-def _check_same_way(place: _Place, baseline: Baseline) -> None:
+def _check_same_way(place: MadeSet, baseline: Baseline) -> None:
     """Refuse to overwrite or mix a set with pictures of another kind or seed."""
     for file in sorted(place.folder.glob("*.json")):
         try:
@@ -341,13 +331,13 @@ def _name_weights(networks: list[NetworkRecord]) -> str:
     return " ".join(f"{network.arch} {network.sha256[:12]}" for network in networks)
 
 
-def _find_finished(place: _Place, name: str, key: str, baseline: Baseline) -> PatchRecord | None:
+def _find_finished(place: MadeSet, name: str, key: str, baseline: Baseline) -> PatchRecord | None:
     file = place.folder / f"{name}.png"
     record = find_made(key, lambda: read_patch(file).record, lambda made: made.settings.get(INPUTS), file)
     return record if record is not None and baseline.is_current(record) else None
 
 
-def _write(place: _Place, name: str, key: str, baseline: Baseline, choice: Choice, label: str, index: int) -> None:
+def _write(place: MadeSet, name: str, key: str, baseline: Baseline, choice: Choice, label: str, index: int) -> None:
     assert choice.draw is not None, "asked before"
     code = {} if choice.code is None else {"code": choice.code(place.size_px)}
     write_patch(place.folder, choice.draw(place.size_px), {
