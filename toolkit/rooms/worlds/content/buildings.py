@@ -10,12 +10,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from toolkit.objects.mesh import Material
 from toolkit.rooms.worlds.content import pieces as kit
 from toolkit.rooms.worlds.content.drawing import Canvas, finish, fractal, pick
 from toolkit.rooms.worlds.content.facades import SHOP_FLOOR_M, Facade, bay_edges, cornice, shop_row, windowed_wall
 from toolkit.rooms.worlds.content.modelling import revolve
-from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
+from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin, painted
 from toolkit.rooms.worlds.content.street_furniture import billboard_skin
 from toolkit.rooms.worlds.content.surfaces import BRICKS, RENDERS, STONES, pane_sheet, pane_uv, wall
 from toolkit.rooms.worlds.world import SceneClass
@@ -86,25 +85,25 @@ def flat_roof(
     return kit.merge(*pieces)
 
 
-def landing_pad(radius: float, looks: Looks) -> Piece:
-    """A pad with the helicopter H in a ring on a raised square deck, its lamps along the edge."""
-    name = "pad"
-    skin = looks.known(name)
-    # the painted square is made once for each world: ring, H and wear
-    if skin is None:
-        rng = looks.rng(name)
-        canvas = Canvas(2, 2, 256, (84, 98, 92), low=(-1, -1))
-        canvas.rect(-0.97, -0.97, 0.97, 0.97, (236, 236, 230))
-        canvas.rect(-0.93, -0.93, 0.93, 0.93, (74, 92, 84))
-        canvas.disc(0, 0, 0.8, (244, 206, 40), ring_m=0.07)
-        for x in (-0.27, 0.27):
-            canvas.rect(x - 0.07, -0.45, x + 0.07, 0.45, (242, 242, 238))
-        canvas.rect(-0.27, -0.07, 0.27, 0.07, (242, 242, 238))
-        worn = canvas.texture().astype(np.float32)
-        shape = worn.shape[:2]
-        worn *= (1 + 0.1 * fractal(rng, shape, 4, 6) - 0.12 * (fractal(rng, shape, 8, 4) > 0.75))[..., None]
-        skin = looks.add(Material(name, finish(worn), 0.8))
-    r = radius
+@painted("pad", 0.8)
+def pad_marks(rng: np.random.Generator) -> np.ndarray:
+    """The helicopter H in a ring, worn; fitted."""
+    canvas = Canvas(2, 2, 256, (84, 98, 92), low=(-1, -1))
+    canvas.rect(-0.97, -0.97, 0.97, 0.97, (236, 236, 230))
+    canvas.rect(-0.93, -0.93, 0.93, 0.93, (74, 92, 84))
+    canvas.disc(0, 0, 0.8, (244, 206, 40), ring_m=0.07)
+    for x in (-0.27, 0.27):
+        canvas.rect(x - 0.07, -0.45, x + 0.07, 0.45, (242, 242, 238))
+    canvas.rect(-0.27, -0.07, 0.27, 0.07, (242, 242, 238))
+    worn = canvas.texture().astype(np.float32)
+    shape = worn.shape[:2]
+    worn *= (1 + 0.1 * fractal(rng, shape, 4, 6) - 0.12 * (fractal(rng, shape, 8, 4) > 0.75))[..., None]
+    return finish(worn)
+
+
+def landing_pad(r: float, looks: Looks) -> Piece:
+    """A pad of radius r with the helicopter H on a raised square deck, its lamps along the edge."""
+    marks = pad_marks(looks)
     # the raised square, with lamps along its edge
     top = np.array([[(-r, -r, 0.25), (r, -r, 0.25), (r, r, 0.25), (-r, r, 0.25)]])
     edge = looks.plain((150, 150, 146))
@@ -116,44 +115,46 @@ def landing_pad(radius: float, looks: Looks) -> Piece:
         for k in (0, 1)
     ])  # fmt: skip
     return kit.merge(
-        kit.quads(top, skin, SceneClass.PAD, kit.UNIT),
+        kit.quads(top, marks, SceneClass.PAD, kit.UNIT),
         kit.boxes([-r, -r, 0.0], [r, r, 0.25], edge, SceneClass.PAD, without=("top", "bottom")),
         kit.boxes(at - [0.08, 0.08, 0], at + [0.08, 0.08, 0.1], looks.plain((250, 210, 90), "lamp"), SceneClass.PAD),
     )
 
 
-def louvres(looks: Looks) -> Skin:
+@painted("louvres", 0.5)
+def louvres(rng: np.random.Generator) -> np.ndarray:
     """Sheet metal with slots, 1 m square."""
-    if found := looks.known("louvres"):
-        return found
     canvas = Canvas(1, 1, 96, (168, 170, 168))
     for k in range(10):
         canvas.rect(0.06, 0.05 + 0.095 * k, 0.94, 0.1 + 0.095 * k, (62, 64, 66))
-    return looks.add(Material("louvres", canvas.texture(0.05, looks.rng("louvres")), 0.5), (1.0, 1.0))
+    return canvas.texture(0.05, rng)
+
+
+@painted("fan", 0.5)
+def fan(rng: np.random.Generator) -> np.ndarray:
+    """A fan from above: the opening, six blades, the guard's rings."""
+    canvas = Canvas(1, 1, 96, (150, 152, 150))
+    canvas.disc(0.5, 0.5, 0.44, (40, 42, 44))
+    for k in range(6):
+        a = 2 * np.pi * k / 6
+        tips = [(0.5 + 0.4 * np.cos(b), 0.5 + 0.4 * np.sin(b)) for b in (a, a + 0.5)]
+        canvas.fill([(0.5, 0.5), *tips], (96, 98, 98))
+    for r in (0.15, 0.3, 0.43):
+        canvas.disc(0.5, 0.5, r, (180, 180, 178), ring_m=0.015)
+    return canvas.texture()
 
 
 def air_conditioner(looks: Looks, rng: np.random.Generator) -> Piece:
     """A rooftop unit with fans on top, on a frame."""
     w, d, h = rng.uniform(1.3, 2.2), rng.uniform(0.9, 1.5), rng.uniform(0.9, 1.5)
-    fan = looks.known("fan")
-    if fan is None:
-        canvas = Canvas(1, 1, 96, (150, 152, 150))
-        # a fan from above: the opening, six blades, the guard's rings
-        canvas.disc(0.5, 0.5, 0.44, (40, 42, 44))
-        for k in range(6):
-            a = 2 * np.pi * k / 6
-            tips = [(0.5 + 0.4 * np.cos(b), 0.5 + 0.4 * np.sin(b)) for b in (a, a + 0.5)]
-            canvas.fill([(0.5, 0.5), *tips], (96, 98, 98))
-        for r in (0.15, 0.3, 0.43):
-            canvas.disc(0.5, 0.5, r, (180, 180, 178), ring_m=0.015)
-        fan = looks.add(Material("fan", canvas.texture(), 0.5))
+    blades = fan(looks)
     low, high = np.array([[-w / 2, -d / 2, 0.3]]), np.array([[w / 2, d / 2, 0.3 + h]])
     fans = np.linspace(-w / 2, w / 2, 3)
     tops = np.array([(a + 0.03, -d / 2 + 0.05, b - 0.03, d / 2 - 0.05) for a, b in pairwise(fans)])
     feet = np.array([[-w / 2 + 0.1, -d / 2, 0.0], [w / 2 - 0.3, -d / 2, 0.0]])
     return kit.merge(
         kit.boxes(low, high, louvres(looks), ROOF, without=()),
-        kit.floor_quads(tops, 0.305 + h, fan, ROOF, fit=True),
+        kit.floor_quads(tops, 0.305 + h, blades, ROOF, fit=True),
         kit.boxes(feet, feet + [0.2, d, 0.3], looks.plain((90, 92, 94)), ROOF),
     )
 
@@ -169,22 +170,23 @@ def stair_house(looks: Looks, rng: np.random.Generator) -> Piece:
     return kit.merge(*pieces)
 
 
+@painted("staves", 0.9, (1.2, 1.2))
+def staves(rng: np.random.Generator) -> np.ndarray:
+    """The wood of a tank with its hoops, 1.2 m square."""
+    canvas = Canvas(1.2, 1.2, 128, (110, 78, 52))
+    for k in range(10):
+        tone = rng.uniform(0.75, 1.15)
+        canvas.rect(0.12 * k, 0, 0.12 * k + 0.11, 1.2, tuple(int(c * tone) for c in (118, 84, 56)))
+    for z in (0.2, 0.6, 1.0):
+        canvas.rect(0, z, 1.2, z + 0.035, (54, 52, 50))
+    return canvas.texture(0.06, rng)
+
+
 def water_tank(looks: Looks, rng: np.random.Generator) -> Piece:
     """A wooden tank with hoops and a conical roof on steel legs."""
-    name = "staves"
-    staves = looks.known(name)
-    if staves is None:
-        canvas = Canvas(1.2, 1.2, 128, (110, 78, 52))
-        gen = looks.rng(name)
-        for k in range(10):
-            tone = gen.uniform(0.75, 1.15)
-            canvas.rect(0.12 * k, 0, 0.12 * k + 0.11, 1.2, tuple(int(c * tone) for c in (118, 84, 56)))
-        for z in (0.2, 0.6, 1.0):
-            canvas.rect(0, z, 1.2, z + 0.035, (54, 52, 50))
-        staves = looks.add(Material(name, canvas.texture(0.06, gen), 0.9), (1.2, 1.2))
-    iron = looks.plain((58, 56, 54))
     # tank, conical lid and floor, on four legs with crossed braces
-    tank = kit.revolved([(1.6, 2.6), (1.6, 5.4)], 20, staves, ROOF)
+    tank = kit.revolved([(1.6, 2.6), (1.6, 5.4)], 20, staves(looks), ROOF)
+    iron = looks.plain((58, 56, 54))
     lid = kit.revolved([(1.75, 5.35), (0.05, 6.5)], 20, looks.plain((70, 66, 62), "matte"), ROOF)
     floor = kit.solid([revolve([(0.02, 2.6), (1.6, 2.6)], 20).flipped()], iron, ROOF)
     foot = np.array([(1.1, 1.1, 0), (-1.1, 1.1, 0), (-1.1, -1.1, 0), (1.1, -1.1, 0)], float)

@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from toolkit.objects.mesh import Material
 from toolkit.rooms.worlds.content import pieces as kit
 from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Point, finish, fractal, hex_name, pick
 from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
@@ -390,13 +389,11 @@ def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Genera
 
 
 def _awning(stripes: tuple[Colour, Colour], x0: float, x1: float, looks: Looks) -> Piece:
-    name = f"awning-{hex_name(stripes[0])}-{hex_name(stripes[1])}"
-    skin = looks.known(name)
-    if skin is None:
-        rng = looks.rng(name)
+    def paint(rng: np.random.Generator) -> np.ndarray:
         cloth = np.repeat(np.array(stripes, np.float32), 32, axis=0)[None].repeat(64, axis=0)
-        worn = 1 + 0.06 * fractal(rng, (64, 64), 2, 4)[..., None]
-        skin = looks.add(Material(name, finish(cloth * worn), 0.9), (0.6, 0.6))
+        return finish(cloth * (1 + 0.06 * fractal(rng, (64, 64), 2, 4)[..., None]))
+
+    skin = looks.paint(f"awning-{hex_name(stripes[0])}-{hex_name(stripes[1])}", paint, 0.9, (0.6, 0.6))
     top, low, out = 3.08, 2.42, 1.45
     slope = [(x0, -out, low), (x1, -out, low), (x1, -0.17, top), (x0, -0.17, top)]
     valance = [(x0, -out, low - 0.25), (x1, -out, low - 0.25), (x1, -out, low), (x0, -out, low)]
@@ -412,19 +409,19 @@ def _awning(stripes: tuple[Colour, Colour], x0: float, x1: float, looks: Looks) 
 
 def _blade(trade: Trade, x: float, looks: Looks) -> Piece:
     """A small sign square to the wall, lettered downwards on both sides."""
-    name = f"blade-{trade.name}"
-    skin = looks.known(name)
-    if skin is None:
-        word = trade.name.split(" ")[0]
-        canvas = Canvas(0.8, 0.35 + 0.3 * len(word), 80, trade.board)
-        height = 0.35 + 0.3 * len(word)
+    word = trade.name.split(" ")[0]
+    height = 0.35 + 0.3 * len(word)
+
+    def paint(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        canvas = Canvas(0.8, height, 80, trade.board)
         canvas.rect(0.04, 0.04, 0.76, height - 0.04, trade.letters)
         canvas.rect(0.07, 0.07, 0.73, height - 0.07, trade.board)
         for k, letter in enumerate(word):
             canvas.text(0.4, height - 0.33 - 0.3 * k, letter, 0.3, trade.letters, face=trade.face)
-        sheet = canvas.texture(0.03, looks.rng(name))
-        skin = looks.add(Material(name, sheet, 0.4, 0.0, sheet[::2, ::2].copy()), (0.8, height))
-    height = skin.tile_m[1]
+        sheet = canvas.texture(0.03, rng)
+        return sheet, sheet[::2, ::2].copy()
+
+    skin = looks.paint(f"blade-{trade.name}", paint, 0.4, (0.8, height))
     low, out, thick = 4.4, 0.95, 0.09
     y0, y1 = -out - 0.1, -0.1
     right = [(x + thick, y0, low), (x + thick, y1, low), (x + thick, y1, low + height), (x + thick, y0, low + height)]
@@ -438,21 +435,18 @@ def _blade(trade: Trade, x: float, looks: Looks) -> Piece:
 
 def shop_skins(trade: Trade, looks: Looks) -> tuple[Skin, Skin]:
     """Skins of a trade's front and of its fascia."""
-    name = f"shop-{trade.name}"
-    front = looks.known(name)
-    if front is None:
-        rng = looks.rng(name)
-        day, glow = _paint_front(trade, rng)
-        front = looks.add(Material(name, day, 0.25, 0.0, glow))
+    rng = looks.rng(f"shop-{trade.name}")
+
+    def paint_sign(_: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         canvas = Canvas(SIGN_W, SIGN_H, 96, trade.board)
         canvas.line([(0.5, 0.09), (SIGN_W - 0.5, 0.09)], 0.03, trade.letters)
         canvas.line([(0.5, SIGN_H - 0.09), (SIGN_W - 0.5, SIGN_H - 0.09)], 0.03, trade.letters)
         canvas.text(SIGN_W / 2, SIGN_H / 2, trade.name, 0.58, trade.letters, face=trade.face, fit_m=4.4)
-        sign = canvas.texture(0.03, rng)
-        looks.add(Material(f"sign-{trade.name}", sign, 0.45, 0.0, (sign[::2, ::2] * 0.8).astype(np.uint8)))
-    sign_skin = looks.known(f"sign-{trade.name}")
-    assert sign_skin is not None
-    return front, sign_skin
+        sign = canvas.texture(0.03, rng)  # its draws follow those of the front
+        return sign, (sign[::2, ::2] * 0.8).astype(np.uint8)
+
+    front = looks.paint(f"shop-{trade.name}", lambda _: _paint_front(trade, rng), 0.25)
+    return front, looks.paint(f"sign-{trade.name}", paint_sign, 0.45)
 
 
 def _paint_front(trade: Trade, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -5,6 +5,7 @@ Frame: metres, z up. A wall is built with its outside towards -y and x to the ri
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import wraps
 from zlib import crc32
 
 import numpy as np
@@ -28,6 +29,10 @@ class Skin:
     material: int  # index among the world's materials
     tile_m: tuple[float, float] = (1.0, 1.0)  # width and height that the texture covers before it repeats
     at: tuple[float, float] | None = None  # a single place (u, v) of the texture for the whole surface: a plain colour
+
+
+Painter = Callable[[np.random.Generator], np.ndarray | tuple[np.ndarray, np.ndarray | None]]
+"""Paints a texture, uint8; or a texture and the light that it gives off."""
 
 
 class Looks:
@@ -57,9 +62,13 @@ class Looks:
             self._pieces[name] = make(self.rng(name))
         return self._pieces[name]
 
-    def known(self, name: str) -> Skin | None:
-        """The skin of a material that was added before."""
-        return self._skins.get(name)
+    def paint(self, name: str, make: Painter, roughness: float, tile_m: tuple[float, float] = (1.0, 1.0)) -> Skin:
+        """The skin of a texture that is painted on its first use, from (seed, name)."""
+        if name not in self._skins:
+            made = make(self.rng(name))
+            picture, glow = made if isinstance(made, tuple) else (made, None)
+            self.add(Material(name, picture, roughness, emission=glow), tile_m)
+        return self._skins[name]
 
     def add(self, material: Material, tile_m: tuple[float, float] = (1.0, 1.0)) -> Skin:
         """A material with its own texture."""
@@ -88,6 +97,13 @@ class Looks:
             at = ((column + 0.5) / CELLS, 1 - (row + 0.5) / CELLS)
             self._plain[key] = Skin(self._skins[name].material, at=at)
         return self._plain[key]
+
+
+def painted(
+    name: str, roughness: float, tile_m: tuple[float, float] = (1.0, 1.0)
+) -> Callable[[Painter], Callable[[Looks], Skin]]:
+    """Make a painter the function that gives its skin in a world."""
+    return lambda make: wraps(make)(lambda looks: looks.paint(name, make, roughness, tile_m))
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from toolkit.objects.mesh import Material
 from toolkit.rooms.worlds.content.drawing import Canvas, Colour, finish, flat, fractal, grain, hex_name, noise, stains
-from toolkit.rooms.worlds.content.pieces import Looks, Skin
+from toolkit.rooms.worlds.content.pieces import Looks, Skin, painted
 
 SIDE_PX = 512
 SQUARE = (SIDE_PX, SIDE_PX)
@@ -137,11 +136,8 @@ PAINTERS: dict[str, tuple[Callable[[np.random.Generator, Colour], np.ndarray], f
 
 def wall(looks: Looks, kind: str, colour: Colour) -> Skin:
     """The skin of a wall or roof of a kind and colour."""
-    name = f"{kind}-{hex_name(colour)}"
-    if found := looks.known(name):
-        return found
     paint, tile_m, roughness = PAINTERS[kind]
-    return looks.add(Material(name, paint(looks.rng(name), colour), roughness), (tile_m, tile_m))
+    return looks.paint(f"{kind}-{hex_name(colour)}", lambda rng: paint(rng, colour), roughness, (tile_m, tile_m))
 
 
 @dataclass(frozen=True)
@@ -177,16 +173,14 @@ STYLES = {
 
 def pane_sheet(looks: Looks, style: str) -> Skin:
     """The skin of a sheet of `COLUMNS` by `ROWS` panes; see `pane_uv`."""
-    name = f"window-{style}"
-    if found := looks.known(name):
-        return found
-    rng, made = looks.rng(name), STYLES[style]
-    cells = [_paint_pane(made, rng) for _ in range(COLUMNS * ROWS)]
-    sheet, glow = (
-        np.concatenate([np.concatenate([c[k] for c in cells[r * COLUMNS : (r + 1) * COLUMNS]], 1) for r in range(ROWS)])
-        for k in (0, 1)
-    )
-    return looks.add(Material(name, sheet, 0.12, 0.0, glow))
+
+    def paint(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        cells = [_paint_pane(STYLES[style], rng) for _ in range(COLUMNS * ROWS)]
+        rows = [cells[r * COLUMNS : (r + 1) * COLUMNS] for r in range(ROWS)]
+        day, glow = (np.concatenate([np.concatenate([c[k] for c in row], 1) for row in rows]) for k in (0, 1))
+        return day, glow
+
+    return looks.paint(f"window-{style}", paint, 0.12)
 
 
 def pane_uv(rng: np.random.Generator, count: int, mirror: bool = False) -> np.ndarray:
@@ -337,11 +331,14 @@ def _manhole(road: np.ndarray, x: float, y: float, radius: float) -> None:
 
 def road(looks: Looks, avenue: bool) -> Skin:
     """A carriageway as wide as the texture, as long as it is wide: u across, v along."""
+    width = AVENUE_M if avenue else STREET_M
     name = "avenue" if avenue else "street"
-    if found := looks.known(name):
-        return found
+    return looks.paint(name, lambda rng: _paint_road(rng, avenue, width), 0.85, (width, width))
+
+
+def _paint_road(rng: np.random.Generator, avenue: bool, width: float) -> np.ndarray:
     # asphalt, darker where wheels run
-    rng, width, n = looks.rng(name), AVENUE_M if avenue else STREET_M, 1024
+    n = 1024
     px = n / width
     base = _asphalt(rng, (n, n), px)
     worn = np.clip(0.86 + 0.3 * fractal(rng, (n, n), 10, 4), 0.25, 0.95).astype(np.float32)
@@ -375,7 +372,7 @@ def road(looks: Looks, avenue: bool) -> Skin:
     _manhole(base, n * 0.7, n * 0.2, 0.3 * px)
     gutter = np.clip(1 - np.minimum(np.arange(n), np.arange(n)[::-1]) / (0.35 * px), 0, 1)
     base *= (1 - 0.28 * gutter)[None, :, None].astype(np.float32)
-    return looks.add(Material(name, finish(base), 0.85), (width, width))
+    return finish(base)
 
 
 def _tram_tracks(base: np.ndarray, px: float) -> None:
@@ -391,11 +388,11 @@ def _tram_tracks(base: np.ndarray, px: float) -> None:
 
 def crossing(looks: Looks, avenue: bool) -> Skin:
     """A zebra crossing over a carriageway with a stop line on its lower edge's far side; fitted."""
-    name = "zebra-avenue" if avenue else "zebra"
-    if found := looks.known(name):
-        return found
-    rng, width = looks.rng(name), AVENUE_M if avenue else STREET_M
-    shape = (360, 1040)
+    return looks.paint("zebra-avenue" if avenue else "zebra", lambda rng: _paint_crossing(rng, avenue), 0.85)
+
+
+def _paint_crossing(rng: np.random.Generator, avenue: bool) -> np.ndarray:
+    width, shape = AVENUE_M if avenue else STREET_M, (360, 1040)
     px = shape[1] / width
     base = _asphalt(rng, shape, px)
     worn = np.clip(0.85 + 0.35 * fractal(rng, shape, 12, 4), 0.2, 0.97).astype(np.float32)
@@ -407,18 +404,17 @@ def crossing(looks: Looks, avenue: bool) -> Skin:
     _mark(base, (0.5, 1 - PARKING_M / width), (0.86, 0.95), WHITE_PAINT, worn)
     if avenue:
         _tram_tracks(base, px)
-    return looks.add(Material(name, finish(base), 0.85))
+    return finish(base)
 
 
-def junction(looks: Looks) -> Skin:
+@painted("junction", 0.85, (JUNCTION_TILE_M, JUNCTION_TILE_M))
+def junction(rng: np.random.Generator) -> np.ndarray:
     """Plain asphalt where streets meet."""
-    if found := looks.known("junction"):
-        return found
-    rng, n = looks.rng("junction"), 896
+    n = 896
     base = _asphalt(rng, (n, n), n / JUNCTION_TILE_M)
     _manhole(base, 0.4 * n, 0.55 * n, 0.36 * n / JUNCTION_TILE_M)
     _manhole(base, 0.8 * n, 0.16 * n, 0.3 * n / JUNCTION_TILE_M)
-    return looks.add(Material("junction", finish(base), 0.85), (JUNCTION_TILE_M, JUNCTION_TILE_M))
+    return finish(base)
 
 
 def _slabs(
@@ -438,45 +434,42 @@ def _slabs(
     return base + grain(rng, (n, n), 5)
 
 
-def pavement(looks: Looks) -> Skin:
+@painted("pavement", 0.9, (3.6, 3.6))
+def pavement(rng: np.random.Generator) -> np.ndarray:
     """Concrete slabs with chewing gum and stains, 3.6 m square."""
-    if found := looks.known("pavement"):
-        return found
-    rng = looks.rng("pavement")
     base = _slabs(rng, (164, 160, 152), 4, 4, joint=2, spread=0.05)
     for x, y in rng.integers(0, 512, (60, 2)):
         cv2.circle(base, (int(x), int(y)), int(rng.integers(1, 4)), (104.0, 102.0, 98.0), -1, cv2.LINE_AA)
-    return looks.add(Material("pavement", finish(base), 0.9), (3.6, 3.6))
+    return finish(base)
 
 
-def plaza(looks: Looks) -> Skin:
+@painted("plaza", 0.85, (4.0, 4.0))
+def plaza(rng: np.random.Generator) -> np.ndarray:
     """Two-tone paving of a square, 4 m square."""
-    if found := looks.known("plaza"):
-        return found
-    rng = looks.rng("plaza")
     base = _slabs(rng, (176, 158, 138), 8, 8, joint=2, spread=0.06)
     base[:64] *= 0.74
     base[:, :64] *= 0.74
-    return looks.add(Material("plaza", finish(base), 0.85), (4.0, 4.0))
+    return finish(base)
 
 
-def kerb(looks: Looks) -> Skin:
+@painted("kerb", 0.85, (2.0, 1.0))
+def kerb(rng: np.random.Generator) -> np.ndarray:
     """Granite, 2 m long."""
-    if found := looks.known("kerb"):
-        return found
-    rng, shape = looks.rng("kerb"), (128, 256)
+    shape = (128, 256)
     base = flat(shape, (168, 166, 160)) * (1 + 0.08 * fractal(rng, shape, 16, 4))[..., None] + grain(rng, shape, 8)
     base[:, :3] *= 0.6
     base[:, 128:131] *= 0.6
-    return looks.add(Material("kerb", finish(base), 0.85), (2.0, 1.0))
+    return finish(base)
 
 
 def grass(looks: Looks, meadow: bool = False) -> Skin:
     """Turf: a lawn 6 m square, or a rough meadow 24 m square."""
     name, tile = ("meadow", 24.0) if meadow else ("lawn", 6.0)
-    if found := looks.known(name):
-        return found
-    rng, n = looks.rng(name), 1024 if meadow else 512
+    return looks.paint(name, lambda rng: _paint_grass(rng, meadow), 0.95, (tile, tile))
+
+
+def _paint_grass(rng: np.random.Generator, meadow: bool) -> np.ndarray:
+    n = 1024 if meadow else 512
     shape = (n, n)
     broad, fine = fractal(rng, shape, 3, 4), fractal(rng, shape, 48, 4)
     blade = noise(rng, shape, (n // 3, n // 5))
@@ -488,14 +481,13 @@ def grass(looks: Looks, meadow: bool = False) -> Skin:
         for x, y in rng.integers(0, n, (420, 2)):
             tone = ((236, 232, 220), (240, 206, 60), (200, 120, 160))[int(rng.integers(3))]
             cv2.circle(base, (int(x), int(y)), 1, tuple(float(c) for c in tone), -1)
-    return looks.add(Material(name, finish(base), 0.95), (tile, tile))
+    return finish(base)
 
 
-def concrete_apron(looks: Looks) -> Skin:
+@painted("apron", 0.9, (15.0, 15.0))
+def concrete_apron(rng: np.random.Generator) -> np.ndarray:
     """An airfield's slabs with sealed joints, rubber and oil, 15 m square (four slabs)."""
-    if found := looks.known("apron"):
-        return found
-    rng, n = looks.rng("apron"), 1024
+    n = 1024
     shape = (n, n)
     base = flat(shape, (168, 166, 158)) * (1 + 0.05 * fractal(rng, shape, 4, 6))[..., None]
     # four slabs, each of its own tone, with dark joints
@@ -509,18 +501,16 @@ def concrete_apron(looks: Looks) -> Skin:
     oil = np.clip(fractal(rng, shape, 6, 4) - 0.85, 0, 1)[..., None]
     rubber = np.clip(noise(rng, shape, (90, 3)) - 0.7, 0, 1)[..., None]
     base = base * (1 - 0.5 * oil) * (1 - 0.35 * rubber) + grain(rng, shape, 4)
-    return looks.add(Material("apron", finish(base), 0.9), (15.0, 15.0))
+    return finish(base)
 
 
-def water(looks: Looks) -> Skin:
+@painted("water", 0.1, (20.0, 20.0))
+def water(rng: np.random.Generator) -> np.ndarray:
     """Harbour water with ripples and reflections, 20 m square."""
-    if found := looks.known("water"):
-        return found
-    rng, n = looks.rng("water"), 1024
-    shape = (n, n)
+    shape = (1024, 1024)
     wave = fractal(rng, shape, 8, 6, 0.72)
     slope = wave - np.roll(wave, 3, axis=0)
     base = flat(shape, (42, 74, 82)) * (1 + 0.18 * wave)[..., None]
     glint = np.clip(slope * 2.2, 0, 1)[..., None]
     base = base * (1 - glint) + np.array((150, 178, 190), np.float32) * glint
-    return looks.add(Material("water", finish(base), 0.1), (20.0, 20.0))
+    return finish(base)
