@@ -6,7 +6,7 @@ import numpy as np
 
 from toolkit.rooms.worlds.content import pieces as kit
 from toolkit.rooms.worlds.content.buildings import landing_pad
-from toolkit.rooms.worlds.content.drawing import Canvas, Colour, finish, flat, fractal, grain, hex_name, noise
+from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Rng, finish, flat, fractal, grain, hex_name, noise
 from toolkit.rooms.worlds.content.modelling import tube
 from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin, painted
 from toolkit.rooms.worlds.content.street_furniture import barrier, board, flag, sheet, traffic_cone
@@ -48,7 +48,7 @@ MEADOWS = ((0.0, -28.0, 14.0, 90.0), (-30.0, 16.0, 13.0, 0.0), (-32.0, -22.0, 13
 
 
 @painted("bark", 0.95)
-def bark(rng: np.random.Generator) -> np.ndarray:
+def bark(rng: Rng) -> np.ndarray:
     """Furrowed bark, 1 m square."""
     shape = (256, 256)
     # the fold of noise at 0 is a groove; many cells across and few down draw it out along the trunk
@@ -62,7 +62,7 @@ def leaf_sheet(looks: Looks, tone: int) -> Skin:
     return looks.paint(f"leaves-{tone}", lambda rng: _paint_leaves(rng, GREENS[tone % len(GREENS)]), 0.8)
 
 
-def _paint_leaves(rng: np.random.Generator, green: Colour) -> np.ndarray:
+def _paint_leaves(rng: Rng, green: Colour) -> np.ndarray:
     side = 32
     shape = (CELLS * side, CELLS * side)
     # one shade for each cell, spread over its texels
@@ -74,7 +74,7 @@ def _paint_leaves(rng: np.random.Generator, green: Colour) -> np.ndarray:
     return finish(leaves)
 
 
-def leaves(at: np.ndarray, size_m: float, outward: np.ndarray, skin: Skin, rng: np.random.Generator) -> Piece:
+def leaves(at: np.ndarray, size_m: float, outward: np.ndarray, skin: Skin, rng: Rng) -> Piece:
     """Kites (n) round points, turned at random but rather outwards, seen from both sides by the renderer."""
     n = len(at)
     normal = outward * 1.2 + rng.normal(size=(n, 3)) * 0.8 + [0, 0, 0.4]
@@ -168,13 +168,13 @@ def shrub(looks: Looks, variant: int, radius: float = 0.6, count: int = 90) -> P
 def painted_facade(looks: Looks, style: int) -> Skin:
     """A facade of `BAYS` by `FLOORS` windows that repeats."""
     size = BAYS * BAY_M, FLOORS * FLOOR_M
-    return looks.paint(f"facade-{style}", lambda rng: _paint_facade(rng, *size, *STYLES[style]), 0.7, size)
+    return looks.paint(f"facade-{style}", lambda rng: _paint_facade(rng, size, *STYLES[style]), 0.7, size)
 
 
 def _paint_facade(
-    rng: np.random.Generator, width: float, height: float, ground: Colour, trim: Colour, share: tuple[float, float]
+    rng: Rng, size: tuple[float, float], ground: Colour, trim: Colour, share: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    share_w, share_h = share
+    (width, height), (share_w, share_h) = size, share
     # light needs a quarter of the texels
     day, night = Canvas(width, height, 28, ground), Canvas(width, height, 7, (0, 0, 0))
     for row in range(FLOORS):
@@ -200,7 +200,7 @@ def _paint_facade(
     return day.texture(0.06, rng), night.texture()
 
 
-def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: np.random.Generator) -> Piece:
+def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: Rng) -> Piece:
     """Blocks (n, 3) low and high corners with painted facades and roofs, their windows whole."""
     style = rng.integers(0, len(STYLES), len(low))
     felt = wall(looks, "roofing", (104, 104, 102))
@@ -252,7 +252,7 @@ def surround(
 def build_grass(seed: int = 0) -> World:
     """A meadow with a landing pad in its middle, a fence, a track, and trees on the horizon."""
     # meadow and landing pad
-    looks, rng = Looks(seed), np.random.default_rng([seed, 30])
+    looks, rng = Looks(seed), Rng([seed, 30])
     meadow = grass(looks, meadow=True)
     inner = np.array([(-60.0, -60.0), (60.0, 60.0)])
     pieces = [
@@ -294,7 +294,7 @@ def _outside(piece: Piece, spot: Spot) -> Piece:
     return Piece(piece.vertices, piece.normals, piece.uv, piece.faces[keep], piece.material[keep], piece.label[keep])
 
 
-def tree_line(looks: Looks, rng: np.random.Generator, near: float, far: float, count: int) -> Piece:
+def tree_line(looks: Looks, rng: Rng, near: float, far: float, count: int) -> Piece:
     """Broad-leaved trees and spruces in a ring, in clumps."""
     clump = rng.uniform(0, 2 * np.pi, max(1, count // 9))
     angle = clump[rng.integers(0, len(clump), count)] + rng.normal(0, 0.07, count)
@@ -307,13 +307,13 @@ def tree_line(looks: Looks, rng: np.random.Generator, near: float, far: float, c
 
 
 @painted("woods", 1.0, (60.0, 60.0))
-def woods(rng: np.random.Generator) -> np.ndarray:
+def woods(rng: Rng) -> np.ndarray:
     """Tree tops from far away, 60 m square."""
     tone = np.array(GREENS[2], np.float32) * (0.8 + 0.35 * fractal(rng, (256, 256), 24, 4))[..., None]
     return tone.clip(0, 255).astype(np.uint8)
 
 
-def hills(looks: Looks, rng: np.random.Generator) -> Piece:
+def hills(looks: Looks, rng: Rng) -> Piece:
     """A wooded rise all round, far off."""
     skin, count = woods(looks), 120
     angle = np.linspace(0, 2 * np.pi, count + 1)
@@ -406,7 +406,7 @@ def windsock(looks: Looks) -> Piece:
 
 def build_apron(seed: int = 0) -> World:
     """An airfield's apron 260 m by 150 m: slabs, taxi lines, stands, hangars, a tower, vehicles, a runway."""
-    looks, rng = Looks(seed), np.random.default_rng([seed, 31])
+    looks, rng = Looks(seed), Rng([seed, 31])
     # concrete, stands and markings
     concrete = concrete_apron(looks)
     core = np.array([(-130.0, -75.0), (130.0, 75.0)])
@@ -448,7 +448,7 @@ def _stripe(looks: Looks, points: list[tuple[float, float]], width: float, colou
 
 
 def _worn_paint(looks: Looks, colour: Colour) -> Skin:
-    def paint(rng: np.random.Generator) -> np.ndarray:
+    def paint(rng: Rng) -> np.ndarray:
         worn = np.clip(0.85 + 0.3 * fractal(rng, (128, 128), 8, 4), 0.15, 1)[..., None]
         tone = np.array(colour, np.float32) * worn + np.array((150, 148, 142)) * (1 - worn)
         return tone.clip(0, 255).astype(np.uint8)
@@ -554,7 +554,7 @@ def _control_tower(looks: Looks) -> Piece:
     return kit.merge(*pieces)
 
 
-def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) -> Piece:
+def _apron_things(looks: Looks, rng: Rng, stands: np.ndarray) -> Piece:
     # vehicles of the ground crew, of which some stand twice
     fuel = lorry(looks, "fuel", (226, 226, 222), (206, 206, 204), "JET A-1 FUEL")
     follow = car(SEDAN, (248, 200, 20), looks, "follow")

@@ -7,7 +7,7 @@ import numpy as np
 
 from toolkit.rooms.worlds.content import pieces as kit
 from toolkit.rooms.worlds.content.countryside import towers
-from toolkit.rooms.worlds.content.drawing import Canvas, Colour
+from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Rng
 from toolkit.rooms.worlds.content.landmarks import tower_crane
 from toolkit.rooms.worlds.content.modelling import revolve
 from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin, painted
@@ -40,7 +40,7 @@ def container_skin(looks: Looks, line: int) -> Skin:
     """Corrugated steel with the line's name, a long side of a container."""
     colour, name = LINES[line]
 
-    def paint(_: np.random.Generator) -> np.ndarray:
+    def paint(_: Rng) -> np.ndarray:
         canvas = Canvas(BOX_M[0], BOX_M[2], 40, colour)
         for k in range(44):
             canvas.rect(0.1 + 0.275 * k, 0.15, 0.22 + 0.275 * k, BOX_M[2] - 0.12, tuple(int(c * 0.78) for c in colour))
@@ -116,7 +116,7 @@ def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Lo
     return kit.merge(*pieces)
 
 
-def feeder_ship(looks: Looks, rng: np.random.Generator) -> Piece:
+def feeder_ship(looks: Looks, rng: Rng) -> Piece:
     """A feeder container ship 110 m long at the quay."""
     boxes_at, kinds = [], []
     for bay in range(5):
@@ -134,7 +134,7 @@ def feeder_ship(looks: Looks, rng: np.random.Generator) -> Piece:
     )  # fmt: skip
 
 
-def boats(looks: Looks, rng: np.random.Generator) -> Piece:
+def boats(looks: Looks, rng: Rng) -> Piece:
     """Fishing boats, a tug, yachts at moorings."""
     spar, sail = looks.plain((222, 218, 206)), looks.plain((240, 236, 224), "matte")
     # a fishing boat with house and mast
@@ -178,7 +178,7 @@ def boats(looks: Looks, rng: np.random.Generator) -> Piece:
 
 def build_harbour(seed: int = 0) -> World:
     """A quay 320 m long with the water to its south."""
-    looks, rng = Looks(seed), np.random.default_rng([seed, 32])
+    looks, rng = Looks(seed), Rng([seed, 32])
     core = np.array([(-QUAY_X, -110.0), (QUAY_X, QUAY_BACK_Y)])
     sheds = [_shed(looks, 44.0, 24.0, k) for k in range(3)]
     shed_x = (-120.0, -40.0, 70.0)
@@ -248,7 +248,7 @@ def _quay_marks(looks: Looks) -> Piece:
     )
 
 
-def _container_yard(looks: Looks, rng: np.random.Generator) -> tuple[Piece, list[list[float]]]:
+def _container_yard(looks: Looks, rng: Rng) -> tuple[Piece, list[list[float]]]:
     length, width, height = BOX_M
     at, line, solids = [], [], []
     for column in range(5):
@@ -296,7 +296,7 @@ def _gantry(looks: Looks) -> Piece:
 
 
 @painted("planks", 0.9, (3.0, 3.0))
-def planks(rng: np.random.Generator) -> np.ndarray:
+def planks(rng: Rng) -> np.ndarray:
     """The boards of a pier, 3 m square."""
     canvas = Canvas(3, 3, 72, (60, 48, 38))
     for k in range(15):
@@ -387,7 +387,7 @@ def _quay_things(looks: Looks) -> Piece:
     )  # fmt: skip
 
 
-def _town(looks: Looks, rng: np.random.Generator) -> Piece:
+def _town(looks: Looks, rng: Rng) -> Piece:
     x = np.arange(-520.0, 520.0, 26.0)
     low, high = [], []
     for row, y in enumerate((112.0, 150.0, 205.0, 280.0)):

@@ -9,7 +9,7 @@ import numpy as np
 
 from toolkit.rooms.worlds.content import pieces as kit
 from toolkit.rooms.worlds.content.buildings import House, Roof, flat_roof
-from toolkit.rooms.worlds.content.drawing import Canvas
+from toolkit.rooms.worlds.content.drawing import Canvas, Rng
 from toolkit.rooms.worlds.content.facades import SHOP_FLOOR_M, Facade, cornice, shop_row, windowed_wall
 from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin, painted
 from toolkit.rooms.worlds.content.street_furniture import board, sheet
@@ -23,7 +23,7 @@ _TURN = np.linspace(0, 2 * np.pi, 25)[:-1]
 CIRCLE = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
 
 
-def building_site(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
+def building_site(width: float, depth: float, looks: Looks, rng: Rng) -> House:
     """A concrete frame under way behind a hoarding, with a tower crane."""
     concrete = wall(looks, "concrete", (186, 180, 168))
     steel, timber = looks.plain((150, 84, 52)), looks.plain((186, 146, 96))
@@ -62,7 +62,7 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
 
 
 @painted("hoarding", 0.8, (9.6, 2.4))
-def hoarding(rng: np.random.Generator) -> np.ndarray:
+def hoarding(rng: Rng) -> np.ndarray:
     """A fence of boards with posters, 9.6 m long."""
     c = Canvas(9.6, 2.4, 56, (28, 92, 74))
     # boards of 1.2 m, with posters
@@ -147,7 +147,7 @@ def pointed_arch(x: float, z0: float, z1: float, width: float) -> np.ndarray:
 
 
 @painted("stained", 0.2)
-def stained_glass(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def stained_glass(rng: Rng) -> tuple[np.ndarray, np.ndarray]:
     """Leaded panes of many colours."""
     canvas = Canvas(1, 3, 96, (20, 20, 24))
     tones = ((38, 60, 130), (130, 34, 40), (46, 104, 70), (176, 140, 50), (70, 50, 110), (50, 92, 130))
@@ -303,7 +303,7 @@ def _cinema_sheets(looks: Looks) -> tuple[Skin, Skin, Skin]:
     return marquee, upright, bills
 
 
-def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
+def cinema(width: float, depth: float, looks: Looks, rng: Rng) -> House:
     """A picture palace: rendered front with fins, a lit marquee over the doors, and an upright sign."""
     # materials and lettering
     render, brick = wall(looks, "render", (206, 150, 124)), wall(looks, "brick", BRICKS[1])
@@ -344,7 +344,7 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
     return House(kit.merge(*pieces), np.array([[0, 0, 0, width, depth, height]]))
 
 
-def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
+def library(width: float, depth: float, looks: Looks, rng: Rng) -> House:
     """A classical front: steps, columns, a pediment with PUBLIC LIBRARY, stone wings."""
     stone, trim = wall(looks, "ashlar", STONES[5]), wall(looks, "render", (222, 208, 182))
     style = Facade(
@@ -405,7 +405,7 @@ def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     return kit.merge(*pieces)
 
 
-def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], rng: np.random.Generator) -> House:
+def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], rng: Rng) -> House:
     """Open decks with parapets, parked cars to be seen between them, a ramp sign and a big P; a pad on top."""
     concrete, dark = wall(looks, "concrete", (168, 164, 156)), wall(looks, "concrete", (120, 118, 114))
     decks, floor_m = 5, 3.1

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from toolkit.objects.mesh import Material, Mesh, mesh_from_corners
-from toolkit.rooms.worlds.content.drawing import Ink
+from toolkit.rooms.worlds.content.drawing import Ink, Rng
 from toolkit.rooms.worlds.content.modelling import Part, revolve
 
 CELL_PX, CELLS = 8, 32
@@ -31,7 +31,7 @@ class Skin:
     at: tuple[float, float] | None = None  # a single place (u, v) of the texture for the whole surface: a plain colour
 
 
-Painter = Callable[[np.random.Generator], np.ndarray | tuple[np.ndarray, np.ndarray | None]]
+Painter = Callable[[Rng], np.ndarray | tuple[np.ndarray, np.ndarray | None]]
 """Paints a texture, uint8; or a texture and the light that it gives off."""
 
 
@@ -51,12 +51,12 @@ class Looks:
         """All that were used, in the order of their first use."""
         return tuple(self._materials)
 
-    def rng(self, name: str) -> np.random.Generator:
+    def rng(self, name: str) -> Rng:
         """The generator that paints `name`."""
         # by name: what is painted does not depend on what was painted before it (Python's own hash differs by run)
-        return np.random.default_rng([self.seed, crc32(name.encode())])
+        return Rng([self.seed, crc32(name.encode())])
 
-    def once(self, name: str, make: Callable[[np.random.Generator], "Piece"]) -> "Piece":
+    def once(self, name: str, make: Callable[[Rng], "Piece"]) -> "Piece":
         """A piece that is modelled once, from (seed, name), and copied from then on."""
         if name not in self._pieces:
             self._pieces[name] = make(self.rng(name))

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from toolkit.rooms.worlds.content import pieces as kit
-from toolkit.rooms.worlds.content.drawing import Canvas, Colour
+from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Rng
 from toolkit.rooms.worlds.content.modelling import box as bevelled_box
 from toolkit.rooms.worlds.content.modelling import extrude, revolve, smooth_curve, tube
 from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
@@ -358,7 +358,7 @@ def flag(looks: Looks, tone: int) -> Piece:
 def sheet(name: str, looks: Looks, canvas: Canvas, glow: float = 0.0) -> Skin:
     """The skin of a drawn sign; `glow` is the share that it gives off in the evening."""
 
-    def paint(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray | None]:
+    def paint(rng: Rng) -> tuple[np.ndarray, np.ndarray | None]:
         picture = canvas.texture(0.03, rng)
         return picture, (picture[::2, ::2] * glow).astype(np.uint8) if glow else None
 

@@ -6,7 +6,18 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from toolkit.rooms.worlds.content.drawing import Canvas, Colour, finish, flat, fractal, grain, hex_name, noise, stains
+from toolkit.rooms.worlds.content.drawing import (
+    Canvas,
+    Colour,
+    Rng,
+    finish,
+    flat,
+    fractal,
+    grain,
+    hex_name,
+    noise,
+    stains,
+)
 from toolkit.rooms.worlds.content.pieces import Looks, Skin, painted
 
 SIDE_PX = 512
@@ -38,9 +49,7 @@ TRACKS_M = (-2.4, -0.96, 0.96, 2.4)
 """Places of the tram's rails, from the middle of an avenue."""
 
 
-def _masonry(
-    rng: np.random.Generator, colour: Colour, rows: int, columns: int, *, joint_px: float, spread: float
-) -> np.ndarray:
+def _masonry(rng: Rng, colour: Colour, rows: int, columns: int, *, joint_px: float, spread: float) -> np.ndarray:
     """(n, n, 3) courses of blocks, every second course set off by half, each block of another shade."""
     n = SIDE_PX
     y, x = np.mgrid[0:n, 0:n].astype(np.float32) + 0.5
@@ -63,14 +72,14 @@ def _masonry(
     return (colours * lit * joint + mortar * (1 - joint)).astype(np.float32)
 
 
-def paint_brick(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_brick(rng: Rng, colour: Colour) -> np.ndarray:
     """Brickwork, 2.88 m square."""
     bricks = _masonry(rng, colour, 38, 12, joint_px=2.2, spread=0.11)
     shape = bricks.shape[:2]
     return finish(bricks * stains(rng, shape, 0.1) + grain(rng, shape, 5))
 
 
-def paint_ashlar(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_ashlar(rng: Rng, colour: Colour) -> np.ndarray:
     """Dressed stone in courses of 45 cm, 3.6 m square."""
     stone = _masonry(rng, colour, 8, 5, joint_px=3.0, spread=0.045)
     shape = stone.shape[:2]
@@ -78,13 +87,13 @@ def paint_ashlar(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     return finish(weathered + grain(rng, shape, 4))
 
 
-def paint_render(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_render(rng: Rng, colour: Colour) -> np.ndarray:
     """Painted stucco with rain streaks, 4 m square."""
     wall = flat(SQUARE, colour) * stains(rng, SQUARE, 0.12) * (1 + 0.03 * fractal(rng, SQUARE, 40, 4))[..., None]
     return finish(wall + grain(rng, SQUARE, 3))
 
 
-def paint_concrete(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_concrete(rng: Rng, colour: Colour) -> np.ndarray:
     """Board-marked concrete panels with tie holes, 4 m square."""
     wall = flat(SQUARE, colour) * stains(rng, SQUARE, 0.2) * (1 + 0.05 * fractal(rng, SQUARE, 16, 5))[..., None]
     wall[:4] *= 0.62
@@ -96,7 +105,7 @@ def paint_concrete(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     return finish(wall + grain(rng, SQUARE, 4))
 
 
-def paint_cladding(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_cladding(rng: Rng, colour: Colour) -> np.ndarray:
     """Ribbed sheet metal with rust runs, 3 m square."""
     x = np.arange(SIDE_PX)
     rib = 1 + 0.16 * np.sign(np.sin(2 * np.pi * x * 16 / SIDE_PX)) * np.abs(np.sin(2 * np.pi * x * 16 / SIDE_PX)) ** 0.3
@@ -106,7 +115,7 @@ def paint_cladding(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     return finish(wall * (1 - rust) + np.array((120, 72, 44)) * rust + grain(rng, SQUARE, 3))
 
 
-def paint_roofing(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_roofing(rng: Rng, colour: Colour) -> np.ndarray:
     """Roofing felt or gravel with seams, patches and puddle rims, 6 m square."""
     roof = flat(SQUARE, colour) * (1 + 0.1 * fractal(rng, SQUARE, 4, 5))[..., None] + grain(rng, SQUARE, 9)
     for row in range(0, SIDE_PX, 128):
@@ -119,7 +128,7 @@ def paint_roofing(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     return finish(roof * (1 - 0.12 * puddle[..., None]))
 
 
-def paint_tiles(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_tiles(rng: Rng, colour: Colour) -> np.ndarray:
     """Roof tiles in courses of 30 cm, 3 m square."""
     tiles = _masonry(rng, colour, 10, 14, joint_px=1.2, spread=0.1)
     y = (np.arange(SIDE_PX) * 10 / SIDE_PX) % 1
@@ -127,7 +136,7 @@ def paint_tiles(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     return finish(tiles * (1.12 - 0.36 * y**3)[:, None, None] * stains(rng, shape, 0.14) + grain(rng, shape, 4))
 
 
-PAINTERS: dict[str, tuple[Callable[[np.random.Generator, Colour], np.ndarray], float, float]] = {
+PAINTERS: dict[str, tuple[Callable[[Rng, Colour], np.ndarray], float, float]] = {
     "brick": (paint_brick, 2.88, 0.9), "ashlar": (paint_ashlar, 3.6, 0.85), "render": (paint_render, 4.0, 0.9),
     "concrete": (paint_concrete, 4.0, 0.9), "cladding": (paint_cladding, 3.0, 0.5),
     "roofing": (paint_roofing, 6.0, 0.95), "tiles": (paint_tiles, 3.0, 0.8),
@@ -174,7 +183,7 @@ STYLES = {
 def pane_sheet(looks: Looks, style: str) -> Skin:
     """The skin of a sheet of `COLUMNS` by `ROWS` panes; see `pane_uv`."""
 
-    def paint(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    def paint(rng: Rng) -> tuple[np.ndarray, np.ndarray]:
         cells = [_paint_pane(STYLES[style], rng) for _ in range(COLUMNS * ROWS)]
         rows = [cells[r * COLUMNS : (r + 1) * COLUMNS] for r in range(ROWS)]
         day, glow = (np.concatenate([np.concatenate([c[k] for c in row], 1) for row in rows]) for k in (0, 1))
@@ -183,7 +192,7 @@ def pane_sheet(looks: Looks, style: str) -> Skin:
     return looks.paint(f"window-{style}", paint, 0.12)
 
 
-def pane_uv(rng: np.random.Generator, count: int, mirror: bool = False) -> np.ndarray:
+def pane_uv(rng: Rng, count: int, mirror: bool = False) -> np.ndarray:
     """(n, 4, 2) corners of a pane chosen for each of n windows."""
     cell = rng.integers(0, COLUMNS * ROWS, count)
     column, row = cell % COLUMNS, cell // COLUMNS
@@ -196,7 +205,7 @@ def pane_uv(rng: np.random.Generator, count: int, mirror: bool = False) -> np.nd
     return np.stack([np.stack([x0, x1, x1, x0], 1), np.stack([y0, y0, y1, y1], 1)], 2)
 
 
-def _paint_pane(style: PaneStyle, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _paint_pane(style: PaneStyle, rng: Rng) -> tuple[np.ndarray, np.ndarray]:
     """A window by day, and the light it gives off in the evening."""
     width, height = style.size_m
     px_per_m = 96 / max(width, 1.0)
@@ -224,7 +233,7 @@ def _paint_pane(style: PaneStyle, rng: np.random.Generator) -> tuple[np.ndarray,
     return finish(day), finish(small)
 
 
-def _glass(style: PaneStyle, rng: np.random.Generator, w: int, h: int) -> np.ndarray:
+def _glass(style: PaneStyle, rng: Rng, w: int, h: int) -> np.ndarray:
     """The pane's reflection: sky above, the other side of the street below, and a dark room behind."""
     up = np.linspace(1, 0, h, dtype=np.float32)[:, None, None]
     dark = np.array((38, 42, 46), np.float32) * rng.uniform(0.7, 1.3)
@@ -237,7 +246,7 @@ def _glass(style: PaneStyle, rng: np.random.Generator, w: int, h: int) -> np.nda
     return (dark * (1 - share) + sky * share) * wavy
 
 
-def _hang(style: PaneStyle, rng: np.random.Generator, day: np.ndarray, glow: np.ndarray) -> None:
+def _hang(style: PaneStyle, rng: Rng, day: np.ndarray, glow: np.ndarray) -> None:
     h, w = day.shape[:2]
     cloth = np.array(
         [(214, 208, 196), (196, 182, 158), (168, 120, 104), (126, 140, 160), (224, 222, 218)][rng.integers(5)], float
@@ -296,7 +305,7 @@ def _frame(style: PaneStyle, canvas: Canvas) -> np.ndarray:
     return mask
 
 
-def _asphalt(rng: np.random.Generator, shape: tuple[int, int], px_per_m: float) -> np.ndarray:
+def _asphalt(rng: Rng, shape: tuple[int, int], px_per_m: float) -> np.ndarray:
     base = flat(shape, (92, 92, 94)) * (1 + 0.06 * fractal(rng, shape, 4, 6))[..., None]
     for _ in range(4):
         h, w = (rng.uniform(0.6, 3.2, 2) * px_per_m).astype(int)
@@ -336,7 +345,7 @@ def road(looks: Looks, avenue: bool) -> Skin:
     return looks.paint(name, lambda rng: _paint_road(rng, avenue, width), 0.85, (width, width))
 
 
-def _paint_road(rng: np.random.Generator, avenue: bool, width: float) -> np.ndarray:
+def _paint_road(rng: Rng, avenue: bool, width: float) -> np.ndarray:
     # asphalt, darker where wheels run
     n = 1024
     px = n / width
@@ -391,7 +400,7 @@ def crossing(looks: Looks, avenue: bool) -> Skin:
     return looks.paint("zebra-avenue" if avenue else "zebra", lambda rng: _paint_crossing(rng, avenue), 0.85)
 
 
-def _paint_crossing(rng: np.random.Generator, avenue: bool) -> np.ndarray:
+def _paint_crossing(rng: Rng, avenue: bool) -> np.ndarray:
     width, shape = AVENUE_M if avenue else STREET_M, (360, 1040)
     px = shape[1] / width
     base = _asphalt(rng, shape, px)
@@ -408,7 +417,7 @@ def _paint_crossing(rng: np.random.Generator, avenue: bool) -> np.ndarray:
 
 
 @painted("junction", 0.85, (JUNCTION_TILE_M, JUNCTION_TILE_M))
-def junction(rng: np.random.Generator) -> np.ndarray:
+def junction(rng: Rng) -> np.ndarray:
     """Plain asphalt where streets meet."""
     n = 896
     base = _asphalt(rng, (n, n), n / JUNCTION_TILE_M)
@@ -417,9 +426,7 @@ def junction(rng: np.random.Generator) -> np.ndarray:
     return finish(base)
 
 
-def _slabs(
-    rng: np.random.Generator, colour: Colour, rows: int, columns: int, *, joint: int, spread: float
-) -> np.ndarray:
+def _slabs(rng: Rng, colour: Colour, rows: int, columns: int, *, joint: int, spread: float) -> np.ndarray:
     n = 512
     shade = rng.normal(1, spread, (rows, columns))
     y, x = np.mgrid[0:n, 0:n]
@@ -435,7 +442,7 @@ def _slabs(
 
 
 @painted("pavement", 0.9, (3.6, 3.6))
-def pavement(rng: np.random.Generator) -> np.ndarray:
+def pavement(rng: Rng) -> np.ndarray:
     """Concrete slabs with chewing gum and stains, 3.6 m square."""
     base = _slabs(rng, (164, 160, 152), 4, 4, joint=2, spread=0.05)
     for x, y in rng.integers(0, 512, (60, 2)):
@@ -444,7 +451,7 @@ def pavement(rng: np.random.Generator) -> np.ndarray:
 
 
 @painted("plaza", 0.85, (4.0, 4.0))
-def plaza(rng: np.random.Generator) -> np.ndarray:
+def plaza(rng: Rng) -> np.ndarray:
     """Two-tone paving of a square, 4 m square."""
     base = _slabs(rng, (176, 158, 138), 8, 8, joint=2, spread=0.06)
     base[:64] *= 0.74
@@ -453,7 +460,7 @@ def plaza(rng: np.random.Generator) -> np.ndarray:
 
 
 @painted("kerb", 0.85, (2.0, 1.0))
-def kerb(rng: np.random.Generator) -> np.ndarray:
+def kerb(rng: Rng) -> np.ndarray:
     """Granite, 2 m long."""
     shape = (128, 256)
     base = flat(shape, (168, 166, 160)) * (1 + 0.08 * fractal(rng, shape, 16, 4))[..., None] + grain(rng, shape, 8)
@@ -468,7 +475,7 @@ def grass(looks: Looks, meadow: bool = False) -> Skin:
     return looks.paint(name, lambda rng: _paint_grass(rng, meadow), 0.95, (tile, tile))
 
 
-def _paint_grass(rng: np.random.Generator, meadow: bool) -> np.ndarray:
+def _paint_grass(rng: Rng, meadow: bool) -> np.ndarray:
     n = 1024 if meadow else 512
     shape = (n, n)
     broad, fine = fractal(rng, shape, 3, 4), fractal(rng, shape, 48, 4)
@@ -485,7 +492,7 @@ def _paint_grass(rng: np.random.Generator, meadow: bool) -> np.ndarray:
 
 
 @painted("apron", 0.9, (15.0, 15.0))
-def concrete_apron(rng: np.random.Generator) -> np.ndarray:
+def concrete_apron(rng: Rng) -> np.ndarray:
     """An airfield's slabs with sealed joints, rubber and oil, 15 m square (four slabs)."""
     n = 1024
     shape = (n, n)
@@ -505,7 +512,7 @@ def concrete_apron(rng: np.random.Generator) -> np.ndarray:
 
 
 @painted("water", 0.1, (20.0, 20.0))
-def water(rng: np.random.Generator) -> np.ndarray:
+def water(rng: Rng) -> np.ndarray:
     """Harbour water with ripples and reflections, 20 m square."""
     shape = (1024, 1024)
     wave = fractal(rng, shape, 8, 6, 0.72)

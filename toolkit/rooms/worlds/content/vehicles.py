@@ -11,7 +11,7 @@ import numpy as np
 
 from toolkit.objects.mesh import Material, mesh_from_corners
 from toolkit.rooms.worlds.content import pieces as kit
-from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Point, hex_name, shade
+from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Point, Rng, hex_name, shade
 from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
 from toolkit.rooms.worlds.world import SceneClass
 
@@ -410,7 +410,7 @@ def _car_glass(paint: VehiclePaint, pillars: tuple[float, ...]) -> None:
         )
 
 
-def car_ends(paint: VehiclePaint, rng: np.random.Generator) -> None:
+def car_ends(paint: VehiclePaint, rng: Rng) -> None:
     """Lamps, grille, bumpers, number plates, and what of them shows from the side."""
     body, w, half = paint.body, paint.body.width / 2, paint.body.length / 2
     # grille with bars, and the air intake below it
