@@ -5,7 +5,6 @@ thumb lift stands over the handle, so that a printed sheet can be taped on top.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from PIL import Image
@@ -147,11 +146,10 @@ def _handle() -> Parts:
 
 def _strap(path: np.ndarray, thick: np.ndarray, wide: np.ndarray) -> Parts:
     """A pipe along a path in the x-z plane, `wide` along y."""
-    parts = tube(path, thick, 24, TRIM, "trim")
-    for k, part in enumerate(parts):
+
+    def widen(points: np.ndarray) -> np.ndarray:
         # each vertex takes the factor of the place on the path that it lies next to
-        away = np.linalg.norm(part.vertices[:, None, [0, 2]] - path[None, :, [0, 2]], axis=2)
-        stretched = part.vertices.copy()
-        stretched[:, 1] *= (wide / thick)[np.argmin(away, axis=1)]
-        parts[k] = replace(part, vertices=stretched)
-    return parts
+        away = np.linalg.norm(points[:, None, [0, 2]] - path[None, :, [0, 2]], axis=2)
+        return points * np.insert(np.ones((len(points), 2)), 1, (wide / thick)[np.argmin(away, axis=1)], axis=1)
+
+    return tube(path, thick, 24, TRIM, "trim").bent(widen)

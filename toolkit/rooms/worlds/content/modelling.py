@@ -532,10 +532,11 @@ def block(
 
 
 def slab(
-    outline: Sequence[tuple[float, float]], thickness: float, paint: Paint, material: str = "plastic", y: float = 0.0
-) -> Parts:
+    outline: Sequence[tuple[float, float]], thickness: float, paint: Paint, material: str = "plastic", y: float = 0.0,
+    bevel: float = 0.0,
+) -> Parts:  # fmt: skip
     """A plate from an (x, z) outline, counter-clockwise with x to the right and z up; `y` is its middle."""
-    return extrude(outline, thickness, 0, paint, material).rotated("x", 90).moved(y=y + thickness / 2)
+    return extrude(outline, thickness, bevel, paint, material).rotated("x", 90).moved(y=y + thickness / 2)
 
 
 def hull(

@@ -17,6 +17,7 @@ from toolkit.rooms.worlds.content.modelling import (
     fan,
     loft,
     revolve,
+    slab,
     smooth_curve,
     superellipse,
     surface,
@@ -195,11 +196,10 @@ def _wing(section: np.ndarray, span: float, pitch_deg: float, at: tuple[float, f
     return Parts(panel(_closed(sections), look), caps)
 
 
-def _end_plate(outline: Sequence[tuple[float, float]], y: float, paint: livery.Paint, thickness: float = 1.6) -> Parts:
-    """A fin from an (x, z) outline, counter-clockwise seen with x to the right; `y` is its middle."""
-    raised = extrude(outline, thickness, 0.4)
-    wall, top, bottom = raised.rotated("x", 90).moved(y=y + thickness / 2)
-    return Parts(wall.painted(WHITE), top.painted(paint), bottom.painted(paint))
+def _end_plate(outline: Sequence[tuple[float, float]], y: float, paint: livery.Paint) -> Parts:
+    """A white-edged fin, see `slab`."""
+    wall, *faces = slab(outline, 1.6, paint, "paint", y, 0.4)
+    return Parts(wall.painted(WHITE), *faces)
 
 
 def _front_wing() -> Parts:
@@ -221,7 +221,7 @@ def _rear_wing() -> Parts:
     plates, posts = Parts(), Parts()
     for side in (1, -1):
         plates += _end_plate(outline, side * 46.5, livery.paint_lettering(RED, livery.NUMBER, WHITE, 17))
-        posts += _end_plate([(-120, 24), (-107, 24), (-108, 68), (-119, 70)], side * 5, CARBON, 1.6)
+        posts += _end_plate([(-120, 24), (-107, 24), (-108, 68), (-119, 70)], side * 5, CARBON)
     return Parts(main, flap, plates, posts.painted(CARBON, "carbon"))
 
 
