@@ -6,6 +6,7 @@ import trimesh
 from PIL import Image, ImageDraw
 
 from toolkit.rooms.worlds.content.modelling import (  # fmt: skip
+    Parts,
     assemble,
     box,
     extrude,
@@ -32,8 +33,7 @@ def solid(parts):
     return whole
 
 
-def tetra_volume(part_or_parts):
-    parts = part_or_parts if isinstance(part_or_parts, list) else [part_or_parts]
+def tetra_volume(parts):
     corners = np.concatenate([part.vertices[part.faces] for part in parts])
     return np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
 
@@ -91,31 +91,31 @@ def test_curves_go_through_their_points():
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_a_mirror_image_keeps_its_outside(axis):
-    parts = [part.moved(5, 6, 7) for part in extrude(L_SHAPE, 6)]
-    mirrored = [part.mirrored(axis) for part in parts]
+    parts = extrude(L_SHAPE, 6).moved(5, 6, 7)
+    mirrored = parts.mirrored(axis)
     assert tetra_volume(mirrored) == pytest.approx(tetra_volume(parts)) and tetra_volume(parts) > 0
     flip = np.where(np.array(list("xyz")) == axis, -1, 1)
     np.testing.assert_allclose(solid(mirrored).center_mass, solid(parts).center_mass * flip)
     for before, after in zip(parts, mirrored, strict=True):  # paint stays on its spot
         np.testing.assert_allclose(after.vertices[after.faces][:, ::-1] * flip, before.vertices[before.faces])
         np.testing.assert_array_equal(after.corner_uv[:, ::-1], before.corner_uv)
-    assert tetra_volume([part.flipped() for part in parts]) == pytest.approx(-tetra_volume(parts))
+    assert tetra_volume(parts.flipped()) == pytest.approx(-tetra_volume(parts))
+    assert tetra_volume(parts.flipped().outward()) == tetra_volume(parts.outward()) == tetra_volume(parts)
+    assert tetra_volume(parts.both_sides()) == pytest.approx(2 * tetra_volume(parts))
 
 
 def test_turns_are_counter_clockwise_from_the_axis_tip():
     part = fan(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float))
     for axis, start, end in (("x", 1, 2), ("y", 2, 0), ("z", 0, 1)):
         point = np.eye(3)[start]
-        moved = type(part)(point[None], *(getattr(part, k) for k in ("faces", "corner_uv", "chart_mm"))).rotated(
-            axis, 90
-        )
+        moved = part.bent(lambda _, point=point: point[None]).rotated(axis, 90)
         np.testing.assert_allclose(moved.vertices[0], np.eye(3)[end], atol=1e-12)
 
 
 @pytest.fixture(scope="module")
 def assembled():
-    parts = [*box((40, 30, 20), bevel=3), *tube(smooth_curve([(0, 0, 0), (20, 5, 9), (50, 0, 20)], 12), 3, 12),
-             revolve([(0, 0), (9, 0), (12, 15), (0, 18)], 24)]  # fmt: skip
+    pipe = tube(smooth_curve([(0, 0, 0), (20, 5, 9), (50, 0, 20)], 12), 3, 12)
+    parts = Parts(box((40, 30, 20), bevel=3), pipe, revolve([(0, 0), (9, 0), (12, 15), (0, 18)], 24))
     return assemble(parts, LOOK, 512)
 
 
@@ -183,7 +183,7 @@ def test_the_margin_around_a_chart_has_its_edge_colour():
 
 
 def test_materials_are_those_named():
-    parts = [part.painted((9, 9, 9), "chrome") for part in box((5, 5, 5))] + box((3, 3, 3))
+    parts = Parts(box((5, 5, 5)).painted((9, 9, 9), "chrome"), box((3, 3, 3)))
     mesh = assemble(parts, {"paint": (0.6, 0.0), "chrome": (0.1, 1.0)}, 64)
     by_name = {material.name: material for material in mesh.materials}
     assert (by_name["chrome"].roughness, by_name["chrome"].metallic) == (0.1, 1.0)

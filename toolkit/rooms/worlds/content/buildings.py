@@ -10,12 +10,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from toolkit.objects.mesh import Material
 from toolkit.rooms.worlds.content import pieces as kit
-from toolkit.rooms.worlds.content.drawing import Canvas, finish, fractal, pick
+from toolkit.rooms.worlds.content.drawing import Canvas, Rng, finish, fractal
 from toolkit.rooms.worlds.content.facades import SHOP_FLOOR_M, Facade, bay_edges, cornice, shop_row, windowed_wall
 from toolkit.rooms.worlds.content.modelling import revolve
-from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
+from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin, painted
 from toolkit.rooms.worlds.content.street_furniture import billboard_skin
 from toolkit.rooms.worlds.content.surfaces import BRICKS, RENDERS, STONES, pane_sheet, pane_uv, wall
 from toolkit.rooms.worlds.world import SceneClass
@@ -37,7 +36,7 @@ class Roof:
     z: float  # height of its surface
     taken: list[tuple[float, float, float]] = field(default_factory=list)  # circles x, y, radius
 
-    def find(self, radius: float, rng: np.random.Generator) -> tuple[float, float] | None:
+    def find(self, radius: float, rng: Rng) -> tuple[float, float] | None:
         """A place for something of that radius, now taken; None if a few tries found none."""
         edge = radius + 0.6
         if self.width < 2 * edge or self.depth < 2 * edge:
@@ -51,9 +50,7 @@ class Roof:
         return None
 
 
-def flat_roof(
-    roof: Roof, wall_skin: Skin, trim: Skin, looks: Looks, rng: np.random.Generator, *, pad_radius: float = 0.0
-) -> Piece:
+def flat_roof(roof: Roof, wall_skin: Skin, trim: Skin, looks: Looks, rng: Rng, *, pad_radius: float = 0.0) -> Piece:
     """Roofing inside a parapet, furnished by chance; with a landing pad in its middle if a radius is given."""
     w, d, z = roof.width, roof.depth, roof.z
     felt = wall(looks, "roofing", ((92, 90, 88), (126, 120, 112), (70, 72, 76))[int(rng.integers(3))])
@@ -86,25 +83,25 @@ def flat_roof(
     return kit.merge(*pieces)
 
 
-def landing_pad(radius: float, looks: Looks) -> Piece:
-    """A pad with the helicopter H in a ring on a raised square deck, its lamps along the edge."""
-    name = "pad"
-    skin = looks.known(name)
-    # the painted square is made once for each world: ring, H and wear
-    if skin is None:
-        rng = looks.rng(name)
-        canvas = Canvas(2, 2, 256, (84, 98, 92), low=(-1, -1))
-        canvas.rect(-0.97, -0.97, 0.97, 0.97, (236, 236, 230))
-        canvas.rect(-0.93, -0.93, 0.93, 0.93, (74, 92, 84))
-        canvas.disc(0, 0, 0.8, (244, 206, 40), ring_m=0.07)
-        for x in (-0.27, 0.27):
-            canvas.rect(x - 0.07, -0.45, x + 0.07, 0.45, (242, 242, 238))
-        canvas.rect(-0.27, -0.07, 0.27, 0.07, (242, 242, 238))
-        worn = canvas.texture().astype(np.float32)
-        shape = worn.shape[:2]
-        worn *= (1 + 0.1 * fractal(rng, shape, 4, 6) - 0.12 * (fractal(rng, shape, 8, 4) > 0.75))[..., None]
-        skin = looks.add(Material(name, finish(worn), 0.8))
-    r = radius
+@painted("pad", 0.8)
+def pad_marks(rng: Rng) -> np.ndarray:
+    """The helicopter H in a ring, worn; fitted."""
+    canvas = Canvas(2, 2, 256, (84, 98, 92), low=(-1, -1))
+    canvas.rect(-0.97, -0.97, 0.97, 0.97, (236, 236, 230))
+    canvas.rect(-0.93, -0.93, 0.93, 0.93, (74, 92, 84))
+    canvas.disc(0, 0, 0.8, (244, 206, 40), ring_m=0.07)
+    for x in (-0.27, 0.27):
+        canvas.rect(x - 0.07, -0.45, x + 0.07, 0.45, (242, 242, 238))
+    canvas.rect(-0.27, -0.07, 0.27, 0.07, (242, 242, 238))
+    worn = canvas.texture().astype(np.float32)
+    shape = worn.shape[:2]
+    worn *= (1 + 0.1 * fractal(rng, shape, 4, 6) - 0.12 * (fractal(rng, shape, 8, 4) > 0.75))[..., None]
+    return finish(worn)
+
+
+def landing_pad(r: float, looks: Looks) -> Piece:
+    """A pad of radius r with the helicopter H on a raised square deck, its lamps along the edge."""
+    marks = pad_marks(looks)
     # the raised square, with lamps along its edge
     top = np.array([[(-r, -r, 0.25), (r, -r, 0.25), (r, r, 0.25), (-r, r, 0.25)]])
     edge = looks.plain((150, 150, 146))
@@ -116,49 +113,51 @@ def landing_pad(radius: float, looks: Looks) -> Piece:
         for k in (0, 1)
     ])  # fmt: skip
     return kit.merge(
-        kit.quads(top, skin, SceneClass.PAD, kit.UNIT),
+        kit.quads(top, marks, SceneClass.PAD, kit.UNIT),
         kit.boxes([-r, -r, 0.0], [r, r, 0.25], edge, SceneClass.PAD, without=("top", "bottom")),
         kit.boxes(at - [0.08, 0.08, 0], at + [0.08, 0.08, 0.1], looks.plain((250, 210, 90), "lamp"), SceneClass.PAD),
     )
 
 
-def louvres(looks: Looks) -> Skin:
+@painted("louvres", 0.5)
+def louvres(rng: Rng) -> np.ndarray:
     """Sheet metal with slots, 1 m square."""
-    if found := looks.known("louvres"):
-        return found
     canvas = Canvas(1, 1, 96, (168, 170, 168))
     for k in range(10):
         canvas.rect(0.06, 0.05 + 0.095 * k, 0.94, 0.1 + 0.095 * k, (62, 64, 66))
-    return looks.add(Material("louvres", canvas.texture(0.05, looks.rng("louvres")), 0.5), (1.0, 1.0))
+    return canvas.texture(0.05, rng)
 
 
-def air_conditioner(looks: Looks, rng: np.random.Generator) -> Piece:
+@painted("fan", 0.5)
+def fan(rng: Rng) -> np.ndarray:
+    """A fan from above: the opening, six blades, the guard's rings."""
+    canvas = Canvas(1, 1, 96, (150, 152, 150))
+    canvas.disc(0.5, 0.5, 0.44, (40, 42, 44))
+    for k in range(6):
+        a = 2 * np.pi * k / 6
+        tips = [(0.5 + 0.4 * np.cos(b), 0.5 + 0.4 * np.sin(b)) for b in (a, a + 0.5)]
+        canvas.fill([(0.5, 0.5), *tips], (96, 98, 98))
+    for r in (0.15, 0.3, 0.43):
+        canvas.disc(0.5, 0.5, r, (180, 180, 178), ring_m=0.015)
+    return canvas.texture()
+
+
+def air_conditioner(looks: Looks, rng: Rng) -> Piece:
     """A rooftop unit with fans on top, on a frame."""
     w, d, h = rng.uniform(1.3, 2.2), rng.uniform(0.9, 1.5), rng.uniform(0.9, 1.5)
-    fan = looks.known("fan")
-    if fan is None:
-        canvas = Canvas(1, 1, 96, (150, 152, 150))
-        # a fan from above: the opening, six blades, the guard's rings
-        canvas.disc(0.5, 0.5, 0.44, (40, 42, 44))
-        for k in range(6):
-            a = 2 * np.pi * k / 6
-            tips = [(0.5 + 0.4 * np.cos(b), 0.5 + 0.4 * np.sin(b)) for b in (a, a + 0.5)]
-            canvas.fill([(0.5, 0.5), *tips], (96, 98, 98))
-        for r in (0.15, 0.3, 0.43):
-            canvas.disc(0.5, 0.5, r, (180, 180, 178), ring_m=0.015)
-        fan = looks.add(Material("fan", canvas.texture(), 0.5))
+    blades = fan(looks)
     low, high = np.array([[-w / 2, -d / 2, 0.3]]), np.array([[w / 2, d / 2, 0.3 + h]])
     fans = np.linspace(-w / 2, w / 2, 3)
     tops = np.array([(a + 0.03, -d / 2 + 0.05, b - 0.03, d / 2 - 0.05) for a, b in pairwise(fans)])
     feet = np.array([[-w / 2 + 0.1, -d / 2, 0.0], [w / 2 - 0.3, -d / 2, 0.0]])
     return kit.merge(
         kit.boxes(low, high, louvres(looks), ROOF, without=()),
-        kit.floor_quads(tops, 0.305 + h, fan, ROOF, fit=True),
+        kit.floor_quads(tops, 0.305 + h, blades, ROOF, fit=True),
         kit.boxes(feet, feet + [0.2, d, 0.3], looks.plain((90, 92, 94)), ROOF),
     )
 
 
-def stair_house(looks: Looks, rng: np.random.Generator) -> Piece:
+def stair_house(looks: Looks, rng: Rng) -> Piece:
     """The head of the stairs: a small brick house with a steel door."""
     skin = wall(looks, "render", (206, 204, 196))
     pieces = [
@@ -169,22 +168,23 @@ def stair_house(looks: Looks, rng: np.random.Generator) -> Piece:
     return kit.merge(*pieces)
 
 
-def water_tank(looks: Looks, rng: np.random.Generator) -> Piece:
+@painted("staves", 0.9, (1.2, 1.2))
+def staves(rng: Rng) -> np.ndarray:
+    """The wood of a tank with its hoops, 1.2 m square."""
+    canvas = Canvas(1.2, 1.2, 128, (110, 78, 52))
+    for k in range(10):
+        tone = rng.uniform(0.75, 1.15)
+        canvas.rect(0.12 * k, 0, 0.12 * k + 0.11, 1.2, tuple(int(c * tone) for c in (118, 84, 56)))
+    for z in (0.2, 0.6, 1.0):
+        canvas.rect(0, z, 1.2, z + 0.035, (54, 52, 50))
+    return canvas.texture(0.06, rng)
+
+
+def water_tank(looks: Looks, rng: Rng) -> Piece:
     """A wooden tank with hoops and a conical roof on steel legs."""
-    name = "staves"
-    staves = looks.known(name)
-    if staves is None:
-        canvas = Canvas(1.2, 1.2, 128, (110, 78, 52))
-        gen = looks.rng(name)
-        for k in range(10):
-            tone = gen.uniform(0.75, 1.15)
-            canvas.rect(0.12 * k, 0, 0.12 * k + 0.11, 1.2, tuple(int(c * tone) for c in (118, 84, 56)))
-        for z in (0.2, 0.6, 1.0):
-            canvas.rect(0, z, 1.2, z + 0.035, (54, 52, 50))
-        staves = looks.add(Material(name, canvas.texture(0.06, gen), 0.9), (1.2, 1.2))
-    iron = looks.plain((58, 56, 54))
     # tank, conical lid and floor, on four legs with crossed braces
-    tank = kit.revolved([(1.6, 2.6), (1.6, 5.4)], 20, staves, ROOF)
+    tank = kit.revolved([(1.6, 2.6), (1.6, 5.4)], 20, staves(looks), ROOF)
+    iron = looks.plain((58, 56, 54))
     lid = kit.revolved([(1.75, 5.35), (0.05, 6.5)], 20, looks.plain((70, 66, 62), "matte"), ROOF)
     floor = kit.solid([revolve([(0.02, 2.6), (1.6, 2.6)], 20).flipped()], iron, ROOF)
     foot = np.array([(1.1, 1.1, 0), (-1.1, 1.1, 0), (-1.1, -1.1, 0), (1.1, -1.1, 0)], float)
@@ -196,7 +196,7 @@ def water_tank(looks: Looks, rng: np.random.Generator) -> Piece:
     return kit.merge(tank, lid, floor, legs, braces)
 
 
-def skylight(looks: Looks, rng: np.random.Generator) -> Piece:
+def skylight(looks: Looks, rng: Rng) -> Piece:
     """A glazed ridge on a kerb."""
     glass, kerb = looks.plain((128, 158, 172), "gloss"), looks.plain((180, 182, 180))
     pieces = [kit.boxes([-1.3, -0.9, 0], [1.3, 0.9, 0.4], kerb, ROOF)]
@@ -216,7 +216,7 @@ def skylight(looks: Looks, rng: np.random.Generator) -> Piece:
     return kit.merge(*pieces)
 
 
-def vents(looks: Looks, rng: np.random.Generator) -> Piece:
+def vents(looks: Looks, rng: Rng) -> Piece:
     """Pipes with cowls."""
     profile = [(0.12, 0), (0.12, 0.9), (0.26, 0.9), (0.26, 1.15), (0.01, 1.3)]
     pipe = kit.revolved(profile, 10, looks.plain((176, 178, 178), "metal"), ROOF)
@@ -225,7 +225,7 @@ def vents(looks: Looks, rng: np.random.Generator) -> Piece:
     return kit.place(pipe, at, 0.0, rng.uniform(0.7, 1.2, count))
 
 
-def aerial(looks: Looks, rng: np.random.Generator) -> Piece:
+def aerial(looks: Looks, rng: Rng) -> Piece:
     """A mast with a television aerial's rods."""
     metal, h = looks.plain((150, 152, 154)), rng.uniform(2.5, 5.0)
     rods = np.linspace(-0.7, 0.7, 6)
@@ -237,7 +237,7 @@ def aerial(looks: Looks, rng: np.random.Generator) -> Piece:
     )
 
 
-def dish(looks: Looks, rng: np.random.Generator) -> Piece:
+def dish(looks: Looks, rng: Rng) -> Piece:
     """A satellite dish on a post, seen from both sides."""
     white = looks.plain((222, 222, 218))
     profile = [(0.02, 0.0), (0.3, 0.05), (0.55, 0.17)]
@@ -248,7 +248,7 @@ def dish(looks: Looks, rng: np.random.Generator) -> Piece:
     )
 
 
-def duct(looks: Looks, rng: np.random.Generator) -> Piece:
+def duct(looks: Looks, rng: Rng) -> Piece:
     """A bent run of sheet-metal duct on feet."""
     metal = looks.plain((186, 188, 188), "metal")
     return kit.merge(
@@ -278,12 +278,10 @@ class House:
     pad: tuple[float, float, float, float] | None = None
 
 
-Builder = Callable[[Lot, Looks, np.random.Generator], House]
+Builder = Callable[[Lot, Looks, Rng], House]
 
 
-def _finish(
-    lot: Lot, walls: Piece, height: float, skins: tuple[Skin, Skin], looks: Looks, rng: np.random.Generator
-) -> House:
+def _finish(lot: Lot, walls: Piece, height: float, skins: tuple[Skin, Skin], looks: Looks, rng: Rng) -> House:
     pad_radius = min(8.0, min(lot.width, lot.depth) / 2 - 1.2) if lot.pad else 0.0
     roof = flat_roof(Roof(lot.width, lot.depth, height), *skins, looks, rng, pad_radius=pad_radius)
     solid = np.array([[0, 0, 0, lot.width, lot.depth, height]], float)
@@ -291,7 +289,7 @@ def _finish(
     return House(kit.merge(walls, roof), solid, pad)
 
 
-def _party_wall(width: float, height: float, skin: Skin, looks: Looks, rng: np.random.Generator) -> Piece:
+def _party_wall(width: float, height: float, skin: Skin, looks: Looks, rng: Rng) -> Piece:
     bare = kit.wall_quads((0, 0, width, height), 0.0, skin, BUILDING)
     if width < 11 or height < 11 or rng.random() > 0.45:
         return bare
@@ -304,9 +302,9 @@ def _party_wall(width: float, height: float, skin: Skin, looks: Looks, rng: np.r
     )
 
 
-def _entrance(x: float, looks: Looks, trim: Skin, rng: np.random.Generator) -> Piece:
+def _entrance(x: float, looks: Looks, trim: Skin, rng: Rng) -> Piece:
     """A front door with steps and a surround, standing out from the wall about x."""
-    wood = looks.plain(pick(rng, ((92, 30, 26), (28, 52, 40), (40, 34, 30), (24, 40, 76), (96, 62, 36))), "gloss")
+    wood = looks.plain(rng.pick(((92, 30, 26), (28, 52, 40), (40, 34, 30), (24, 40, 76), (96, 62, 36))), "gloss")
     steps = np.array([(x - 0.9 - 0.1 * k, -1.2 + 0.3 * k - 0.12, 0.17 * k) for k in range(3)])
     tops = np.array([(x + 0.9 + 0.1 * k, 0.0, 0.17 * (k + 1)) for k in range(3)])
     low = [(x - 0.85, -0.2, 0.5), (x + 0.6, -0.2, 0.5), (x - 0.95, -0.3, 2.9)]
@@ -322,49 +320,49 @@ def _entrance(x: float, looks: Looks, trim: Skin, rng: np.random.Generator) -> P
     )  # fmt: skip
 
 
-def brick_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
+def brick_apartments(lot: Lot, looks: Looks, rng: Rng) -> House:
     """Brick, sash windows, stone trim, a bracketed cornice, fire escapes; shops or a stoop below."""
-    brick = wall(looks, "brick", pick(rng, BRICKS))
-    trim = looks.plain(pick(rng, ((206, 198, 182), (176, 166, 150), (112, 66, 50), (226, 222, 212))), "matte")
+    brick = wall(looks, "brick", rng.pick(BRICKS))
+    trim = looks.plain(rng.pick(((206, 198, 182), (176, 166, 150), (112, 66, 50), (226, 222, 212))), "matte")
     shops = rng.random() < 0.6
     style = Facade(
         brick, trim,
-        pick(rng, ("sash-white", "sash-grid", "sash-green", "casement")),
+        rng.pick(("sash-white", "sash-grid", "sash-green", "casement")),
         window_m=(rng.uniform(0.95, 1.25), rng.uniform(1.6, 1.9), 0.8),
         floor_m=rng.uniform(3.0, 3.4), bay_m=rng.uniform(2.0, 2.8), string_course=rng.random() < 0.4,
-        fire_escape=rng.random() < 0.55, air_conditioners=pick(rng, (0.0, 0.1, 0.2)),
+        fire_escape=rng.random() < 0.55, air_conditioners=rng.pick((0.0, 0.1, 0.2)),
     )  # fmt: skip
     return _apartments(lot, style, looks, rng, shops=shops)
 
 
-def rendered_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
+def rendered_apartments(lot: Lot, looks: Looks, rng: Rng) -> House:
     """Painted stucco with balconies."""
-    render = wall(looks, "render", pick(rng, RENDERS))
-    trim = looks.plain(pick(rng, ((232, 230, 222), (200, 194, 182), (150, 140, 128))), "matte")
+    render = wall(looks, "render", rng.pick(RENDERS))
+    trim = looks.plain(rng.pick(((232, 230, 222), (200, 194, 182), (150, 140, 128))), "matte")
     style = Facade(
         render, trim,
-        pick(rng, ("sash-grid", "casement", "modern", "tall")),
+        rng.pick(("sash-grid", "casement", "modern", "tall")),
         window_m=(1.3, 2.25, 0.12), floor_m=3.1, bay_m=rng.uniform(2.8, 3.4), lintels=rng.random() < 0.5, sills=False,
         balconies=rng.uniform(0.3, 0.8), string_course=rng.random() < 0.5,
     )  # fmt: skip
     return _apartments(lot, style, looks, rng, shops=rng.random() < 0.7)
 
 
-def stone_palazzo(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
+def stone_palazzo(lot: Lot, looks: Looks, rng: Rng) -> House:
     """Dressed stone with pilasters, tall windows and a heavy cornice."""
-    stone = wall(looks, "ashlar", pick(rng, STONES))
-    trim = wall(looks, "render", pick(rng, ((206, 196, 176), (190, 182, 168))))
+    stone = wall(looks, "ashlar", rng.pick(STONES))
+    trim = wall(looks, "render", rng.pick(((206, 196, 176), (190, 182, 168))))
     style = Facade(
-        stone, trim, pick(rng, ("tall", "arched")), window_m=(1.25, 2.4, 0.7), floor_m=3.8, bay_m=3.0, recess_m=0.32,
+        stone, trim, rng.pick(("tall", "arched")), window_m=(1.25, 2.4, 0.7), floor_m=3.8, bay_m=3.0, recess_m=0.32,
         pilasters=True, string_course=True,
     )  # fmt: skip
     return _apartments(lot, style, looks, rng, shops=rng.random() < 0.5)
 
 
-def concrete_slab(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
+def concrete_slab(lot: Lot, looks: Looks, rng: Rng) -> House:
     """The sixties: bands of windows between concrete parapets."""
-    concrete = wall(looks, "concrete", pick(rng, ((168, 164, 156), (146, 144, 140), (186, 180, 168))))
-    panel = looks.plain(pick(rng, ((60, 92, 120), (150, 76, 52), (176, 150, 60), (84, 104, 92), (120, 120, 118))))
+    concrete = wall(looks, "concrete", rng.pick(((168, 164, 156), (146, 144, 140), (186, 180, 168))))
+    panel = looks.plain(rng.pick(((60, 92, 120), (150, 76, 52), (176, 150, 60), (84, 104, 92), (120, 120, 118))))
     style = Facade(
         concrete, panel, "band", window_m=(2.75, 1.6, 0.95), floor_m=3.3, bay_m=3.1, recess_m=0.16, lintels=False,
         air_conditioners=0.05,
@@ -372,9 +370,9 @@ def concrete_slab(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     return _apartments(lot, style, looks, rng, shops=rng.random() < 0.5, crown=False)
 
 
-def warehouse(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
+def warehouse(lot: Lot, looks: Looks, rng: Rng) -> House:
     """Brick piers round wide steel windows."""
-    brick = wall(looks, "brick", pick(rng, BRICKS[:6]))
+    brick = wall(looks, "brick", rng.pick(BRICKS[:6]))
     trim = wall(looks, "brick", BRICKS[8])
     style = Facade(
         brick, trim, "factory", window_m=(2.6, 2.5, 0.8), floor_m=4.0, bay_m=3.4, recess_m=0.28, pilasters=True
@@ -382,9 +380,7 @@ def warehouse(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     return _apartments(lot, style, looks, rng, shops=rng.random() < 0.3)
 
 
-def _apartments(
-    lot: Lot, style: Facade, looks: Looks, rng: np.random.Generator, *, shops: bool, crown: bool = True
-) -> House:
+def _apartments(lot: Lot, style: Facade, looks: Looks, rng: Rng, *, shops: bool, crown: bool = True) -> House:
     # shops take the ground floor; without them a plinth, and one floor more
     ground = SHOP_FLOOR_M if shops else 0.6
     floors = lot.floors + (0 if shops else 1)
@@ -417,13 +413,13 @@ def _apartments(
     return _finish(lot, kit.set_round(lot.width, lot.depth, make), height, (style.wall, style.trim), looks, rng)
 
 
-def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
+def glass_office(lot: Lot, looks: Looks, rng: Rng) -> House:
     """A curtain wall with mullions and spandrels over a lobby."""
     # materials and proportions of the whole house
-    panes = pane_sheet(looks, pick(rng, ("curtain-blue", "curtain-green", "curtain-bronze", "curtain-dark")))
-    metal = looks.plain(pick(rng, ((186, 190, 194), (70, 74, 80), (120, 104, 84), (232, 234, 234))), "metal")
-    spandrel = looks.plain(pick(rng, ((52, 66, 80), (36, 42, 46), (90, 96, 100), (196, 198, 198))), "gloss")
-    stone = wall(looks, "ashlar", pick(rng, STONES))
+    panes = pane_sheet(looks, rng.pick(("curtain-blue", "curtain-green", "curtain-bronze", "curtain-dark")))
+    metal = looks.plain(rng.pick(((186, 190, 194), (70, 74, 80), (120, 104, 84), (232, 234, 234))), "metal")
+    spandrel = looks.plain(rng.pick(((52, 66, 80), (36, 42, 46), (90, 96, 100), (196, 198, 198))), "gloss")
+    stone = wall(looks, "ashlar", rng.pick(STONES))
     floor_m, bay_m, lobby = 3.6, float(rng.uniform(1.4, 2.0)), 4.6
     fin = float(rng.uniform(0.1, 0.32))
     height = lobby + (lot.floors + 1) * floor_m + 0.4
@@ -462,7 +458,7 @@ def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     return _finish(lot, kit.set_round(lot.width, lot.depth, make), height, (spandrel, metal), looks, rng)
 
 
-def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, rng: np.random.Generator) -> Piece:
+def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, rng: Rng) -> Piece:
     """Tall glass between stone piers, set back under the house, with a canopy over the doors."""
     count = max(2, round(width / 3.2))
     edges = np.linspace(0, width, count + 1)

@@ -6,6 +6,7 @@ import numpy as np
 
 from toolkit.rooms.worlds.content.buildings import KINDS, House, Lot
 from toolkit.rooms.worlds.content.countryside import surround, towers
+from toolkit.rooms.worlds.content.drawing import Rng
 from toolkit.rooms.worlds.content.landmarks import (
     building_site,
     church,
@@ -70,7 +71,7 @@ class Filling:
             self.pads.append((x + sign * px, y + sign * py, pz + KERB_M, radius))
 
 
-def choose_landmarks(blocks: list[Block], rng: np.random.Generator) -> dict[tuple[int, int], str]:
+def choose_landmarks(blocks: list[Block], rng: Rng) -> dict[tuple[int, int], str]:
     """Which block bears which landmark; square and park lie towards the middle."""
     middle = np.mean([(b.column, b.row) for b in blocks], axis=0)
     order = sorted(
@@ -101,7 +102,7 @@ Area = tuple[float, float, float, float]
 """Lower left corner, width, depth."""
 
 
-def fill_block(block: Block, landmark: str | None, filling: Filling, rng: np.random.Generator) -> None:
+def fill_block(block: Block, landmark: str | None, filling: Filling, rng: Rng) -> None:
     """Build a block and everything on it."""
     looks, (width, depth), (x, y) = filling.looks, block.size, block.corner
     area, plan = (x, y, width, depth), filling.plan
@@ -140,7 +141,7 @@ def fill_block(block: Block, landmark: str | None, filling: Filling, rng: np.ran
         _build_rows(area, landmark, density, filling, rng)
 
 
-def _build_rows(area: Area, landmark: str | None, density: float, filling: Filling, rng: np.random.Generator) -> None:
+def _build_rows(area: Area, landmark: str | None, density: float, filling: Filling, rng: Rng) -> None:
     x, y, width, depth = area
     if landmark == "station":
         filling.add(filling_station(24.0, filling.looks), x + 2, y + 1)
@@ -156,7 +157,7 @@ def _build_rows(area: Area, landmark: str | None, density: float, filling: Filli
     _fill_yard((x, y + front, width, depth - front - back), filling, rng)
 
 
-def _fill_yard(area: Area, filling: Filling, rng: np.random.Generator) -> None:
+def _fill_yard(area: Area, filling: Filling, rng: Rng) -> None:
     """Parked cars, a few trees and dustbins between the backs of the houses."""
     x, y, width, depth = area
     standing: Standing = {}
@@ -176,7 +177,7 @@ def _fill_yard(area: Area, filling: Filling, rng: np.random.Generator) -> None:
     filling.pieces.append(build_standing(standing, filling.looks))
 
 
-def _build_row(row: Row, filling: Filling, rng: np.random.Generator) -> None:
+def _build_row(row: Row, filling: Filling, rng: Rng) -> None:
     widths = []
     left = row.width
     while left >= 0.5:
@@ -206,7 +207,7 @@ def _build_row(row: Row, filling: Filling, rng: np.random.Generator) -> None:
         at += w
 
 
-def _choose_kind(density: float, width: float, rng: np.random.Generator) -> str:
+def _choose_kind(density: float, width: float, rng: Rng) -> str:
     shares = {
         "brick": 0.36, "render": 0.2, "stone": 0.16, "slab": 0.08, "warehouse": 0.12 * (1 - density),
         "glass": (0.06 + 0.3 * density) if width > 12 else 0.0,
@@ -216,7 +217,7 @@ def _choose_kind(density: float, width: float, rng: np.random.Generator) -> str:
 
 
 def _scatter_trees(
-    filling: Filling, area: Area, count: int, rng: np.random.Generator, *, keep: tuple[float, float, float],
+    filling: Filling, area: Area, count: int, rng: Rng, *, keep: tuple[float, float, float],
     beside_m: float = 0.0,
 ) -> None:  # fmt: skip
     """Trees over an area outside a circle (x, y, radius), and further than `beside_m` to its sides."""
@@ -252,7 +253,7 @@ def _square(area: Area, filling: Filling) -> None:
     filling.pieces.append(build_standing(standing, filling.looks))
 
 
-def _park(area: Area, filling: Filling, rng: np.random.Generator) -> None:
+def _park(area: Area, filling: Filling, rng: Rng) -> None:
     """A lawn with trees, shrubs, benches and lamps about a clearing."""
     (x, y, width, depth), looks = area, filling.looks
     cx, cy = x + width / 2, y + depth / 2
@@ -285,7 +286,7 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
     Args:
         blocks: how many from west to east and from south to north; 5 x 6 are about 450 m across.
     """
-    rng = np.random.default_rng([seed, 20])
+    rng = Rng([seed, 20])
     looks = Looks(seed)
     plan = plan_city(rng, *blocks, STREET_NAMES)
     fleet = build_fleet(looks)
@@ -293,7 +294,7 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
     landmarks = choose_landmarks(plan.blocks(), rng)
     # each block has its own draws: a change in a block moves nothing in others
     for block in plan.blocks():
-        place_rng = np.random.default_rng([seed, 21, block.column, block.row])
+        place_rng = Rng([seed, 21, block.column, block.row])
         fill_block(block, landmarks.get((block.column, block.row)), filling, place_rng)
     # places for objects and landing pads
     spots = [*filling.spots, *_street_spots(plan, rng)]
@@ -305,10 +306,10 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
     core = np.array([(plan.north[0].at, plan.east[0].at), (plan.north[-1].at, plan.east[-1].at)])
     pieces = [
         *filling.pieces, build_streets(plan, looks),
-        place_vehicles(plan, fleet, np.random.default_rng([seed, 22])),
-        furnish_streets(plan, looks, np.random.default_rng([seed, 23])),
+        place_vehicles(plan, fleet, Rng([seed, 22])),
+        furnish_streets(plan, looks, Rng([seed, 23])),
         hang_wires(plan, looks),
-        _outskirts(plan, looks, np.random.default_rng([seed, 24])),
+        _outskirts(plan, looks, Rng([seed, 24])),
     ]  # fmt: skip
     mesh, face_class = mesh_of(merge(*pieces), looks)
     return World(
@@ -317,7 +318,7 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
     )  # fmt: skip
 
 
-def _street_spots(plan: Plan, rng: np.random.Generator) -> list[Spot]:
+def _street_spots(plan: Plan, rng: Rng) -> list[Spot]:
     """Free stretches of street and free crossings; they are reserved in the plan."""
     spots = []
     stretches = [s for s in plan.stretches() if s.length > MIN_STRETCH_M]
@@ -340,7 +341,7 @@ def _street_spots(plan: Plan, rng: np.random.Generator) -> list[Spot]:
     return spots
 
 
-def _outskirts(plan: Plan, looks: Looks, rng: np.random.Generator) -> Piece:
+def _outskirts(plan: Plan, looks: Looks, rng: Rng) -> Piece:
     # the ground beyond the modelled blocks
     low = np.array([plan.north[0].at - plan.north[0].half, plan.east[0].at - plan.east[0].half])
     high = np.array([plan.north[-1].at + plan.north[-1].half, plan.east[-1].at + plan.east[-1].half])

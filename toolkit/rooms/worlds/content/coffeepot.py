@@ -5,7 +5,6 @@ thumb lift stands over the handle, so that a printed sheet can be taped on top.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from PIL import Image
@@ -13,7 +12,7 @@ from PIL import Image
 from toolkit.objects.mesh import Mesh
 from toolkit.rooms.worlds.content.drawing import Colour
 from toolkit.rooms.worlds.content.modelling import (
-    Part,
+    Parts,
     assemble,
     extrude,
     revolve,
@@ -56,12 +55,12 @@ SEGMENTS = 96
 
 def build() -> Mesh:
     """Build the coffeepot on z = 0, 270 mm from spout to handle: spout to -y, handle to +y."""
-    parts = [*_body(), *_lid(), *_hinge(), *_spout(), *_handle()]
+    parts = Parts(_body(), _lid(), _hinge(), _spout(), _handle())
     materials = {"enamel": (0.2, 0.0), "trim": (0.25, 0.0)}
-    return assemble([part.rotated("z", -90) for part in parts], materials, atlas_px=2048)
+    return assemble(parts.rotated("z", -90), materials, atlas_px=2048)
 
 
-def _body() -> list[Part]:
+def _body() -> Parts:
     wall = [(BASE_RADIUS_MM - 3, 1.2), (BASE_RADIUS_MM - 0.6, 3), (BASE_RADIUS_MM, 6)]
     wall += [(_wall_radius(z), z) for z in np.linspace(12, HEIGHT_MM, 40)]
     foot_out, foot_in = BASE_RADIUS_MM - 3, BASE_RADIUS_MM - 8
@@ -69,17 +68,17 @@ def _body() -> list[Part]:
     turn = np.linspace(0, np.pi, 12)
     roll = np.stack([TOP_RADIUS_MM + 0.8 + 2.6 * np.sin(turn), HEIGHT_MM + 2.2 - 2.6 * np.cos(turn)], axis=1)
     rim = [(TOP_RADIUS_MM - 2, HEIGHT_MM - 1), *roll, (TOP_RADIUS_MM - 4, LID_MM)]
-    return [
+    return Parts(
         revolve(wall, SEGMENTS, enamel_paint(NAVY, CREAM_SPECKS, seed=1), "enamel"),
         revolve(foot, SEGMENTS, TRIM, "trim"), revolve(rim, SEGMENTS, TRIM, "trim"),
-    ]  # fmt: skip
+    )  # fmt: skip
 
 
 def _wall_radius(z: float) -> float:
     return BASE_RADIUS_MM + (TOP_RADIUS_MM - BASE_RADIUS_MM) * (z - 6) / (HEIGHT_MM - 6)
 
 
-def _lid() -> list[Part]:
+def _lid() -> Parts:
     r = LID_RADIUS_MM
     edge = np.array([(r - 4, -0.2), (r - 0.8, 0), (r + 1, 1.4), (r + 1, 2.6), (r - 0.6, 3.8), (r - 2.5, 4.2)])
     flat = np.linspace(r - 7, 0, 12)
@@ -87,10 +86,10 @@ def _lid() -> list[Part]:
     top = np.concatenate([[(r - 2.5, 4.2), (r - 4, 6.2), (r - 6, 7.4)], crown])
     on_rim = np.array([0, LID_MM])
     cover = revolve((top + on_rim).tolist(), SEGMENTS, enamel_paint(NAVY, CREAM_SPECKS, seed=2), "enamel")
-    return [revolve((edge + on_rim).tolist(), SEGMENTS, TRIM, "trim"), seen_from_above(cover)]
+    return Parts(revolve((edge + on_rim).tolist(), SEGMENTS, TRIM, "trim"), seen_from_above(cover))
 
 
-def _hinge() -> list[Part]:
+def _hinge() -> Parts:
     """The hinge's barrel over the handle and the leaf that a thumb presses to lift the lid."""
     x, z = -LID_RADIUS_MM - 3.5, LID_MM + 3.0
     turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
@@ -98,10 +97,10 @@ def _hinge() -> list[Part]:
     leaf = smooth_curve([(x + 7, 0, z + 2), (x - 1, 0, z + 4), (x - 4, 0, z + 12), (x - 12, 0, z + 20)], 24, False)
     thickness = np.interp(np.linspace(0, 1, 24), [0, 0.3, 0.85, 0.96, 1], [2.2, 2.2, 2.6, 2.2, 1.2])
     widen = np.interp(np.linspace(0, 1, 24), [0, 0.4, 0.8, 1], [3.0, 2.2, 4.2, 3.2])
-    return [*[part.rotated("x", 90).moved(x, 13, z) for part in barrel], *_strap(leaf, thickness, thickness * widen)]
+    return Parts(barrel.rotated("x", 90).moved(x, 13, z), _strap(leaf, thickness, thickness * widen))
 
 
-def _spout() -> list[Part]:
+def _spout() -> Parts:
     """A swan-neck that leaves the wall low and wide and ends level with the rim, cut nearly flat, open and hollow."""
     root = _wall_radius(67)
     points = [(root - 16, 0, 67), (root + 12, 0, 80), (root + 32, 0, 114), (root + 43, 0, 155), (root + 69, 0, 204)]
@@ -125,14 +124,14 @@ def _spout() -> list[Part]:
 
     last = len(path) - 1
     lip = [cut(last, 1.1 - 1.9 * np.cos(a), 1.9 * np.sin(a)) for a in np.linspace(-0.5, np.pi + 0.5, 12)]
-    return [
+    return Parts(
         surface(np.stack([cut(i, 0) for i in range(len(path))]), enamel_paint(NAVY, CREAM_SPECKS, seed=3), "enamel"),
         surface(np.stack(lip), TRIM, "trim"),
         surface(np.stack([cut(i, 2.2) for i in range(last, last - 15, -1)]), TRIM, "trim"),
-    ]
+    )
 
 
-def _handle() -> list[Part]:
+def _handle() -> Parts:
     """A black loop as broad as a hand, flared where it is welded to the wall."""
     top, base = -TOP_RADIUS_MM, -BASE_RADIUS_MM
     path = smooth_curve(
@@ -145,13 +144,12 @@ def _handle() -> list[Part]:
     return _strap(path, radius, radius * 1.5)
 
 
-def _strap(path: np.ndarray, thick: np.ndarray, wide: np.ndarray) -> list[Part]:
+def _strap(path: np.ndarray, thick: np.ndarray, wide: np.ndarray) -> Parts:
     """A pipe along a path in the x-z plane, `wide` along y."""
-    parts = tube(path, thick, 24, TRIM, "trim")
-    for k, part in enumerate(parts):
+
+    def widen(points: np.ndarray) -> np.ndarray:
         # each vertex takes the factor of the place on the path that it lies next to
-        away = np.linalg.norm(part.vertices[:, None, [0, 2]] - path[None, :, [0, 2]], axis=2)
-        stretched = part.vertices.copy()
-        stretched[:, 1] *= (wide / thick)[np.argmin(away, axis=1)]
-        parts[k] = replace(part, vertices=stretched)
-    return parts
+        away = np.linalg.norm(points[:, None, [0, 2]] - path[None, :, [0, 2]], axis=2)
+        return points * np.insert(np.ones((len(points), 2)), 1, (wide / thick)[np.argmin(away, axis=1)], axis=1)
+
+    return tube(path, thick, 24, TRIM, "trim").bent(widen)

@@ -4,12 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from toolkit.objects.mesh import Material
 from toolkit.rooms.worlds.content import pieces as kit
 from toolkit.rooms.worlds.content.buildings import landing_pad
-from toolkit.rooms.worlds.content.drawing import Canvas, Colour, finish, flat, fractal, grain, hex_name, noise
+from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Rng, finish, flat, fractal, grain, hex_name, noise
 from toolkit.rooms.worlds.content.modelling import tube
-from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
+from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin, painted
 from toolkit.rooms.worlds.content.street_furniture import barrier, board, flag, sheet, traffic_cone
 from toolkit.rooms.worlds.content.surfaces import (
     BRICKS,
@@ -48,34 +47,34 @@ MEADOWS = ((0.0, -28.0, 14.0, 90.0), (-30.0, 16.0, 13.0, 0.0), (-32.0, -22.0, 13
 """Places for objects besides the pad: x, y, free radius and yaw."""
 
 
-def bark(looks: Looks) -> Skin:
+@painted("bark", 0.95)
+def bark(rng: Rng) -> np.ndarray:
     """Furrowed bark, 1 m square."""
-    if found := looks.known("bark"):
-        return found
-    rng, shape = looks.rng("bark"), (256, 256)
+    shape = (256, 256)
     # the fold of noise at 0 is a groove; many cells across and few down draw it out along the trunk
     furrow = np.abs(noise(rng, shape, (6, 34))) + 0.5 * np.abs(noise(rng, shape, (14, 60)))
     wood = flat(shape, (104, 90, 76)) * (0.62 + 0.6 * furrow)[..., None] + grain(rng, shape, 6)
-    return looks.add(Material("bark", finish(wood), 0.95), (1.0, 1.0))
+    return finish(wood)
 
 
 def leaf_sheet(looks: Looks, tone: int) -> Skin:
     """Leaves of many shades: one kite of foliage in each of `CELLS` x `CELLS` cells."""
-    name = f"leaves-{tone}"
-    if found := looks.known(name):
-        return found
-    rng, side = looks.rng(name), 32
+    return looks.paint(f"leaves-{tone}", lambda rng: _paint_leaves(rng, GREENS[tone % len(GREENS)]), 0.8)
+
+
+def _paint_leaves(rng: Rng, green: Colour) -> np.ndarray:
+    side = 32
     shape = (CELLS * side, CELLS * side)
     # one shade for each cell, spread over its texels
     shade = np.kron(rng.uniform(0.62, 1.25, (CELLS, CELLS)), np.ones((side, side)))
     warm = np.kron(rng.normal(0, 8, (CELLS, CELLS)), np.ones((side, side)))
     speckle = 1 + 0.35 * fractal(rng, shape, 24, 3)
-    leaves = flat(shape, GREENS[tone % len(GREENS)]) * (shade * speckle)[..., None]
+    leaves = flat(shape, green) * (shade * speckle)[..., None]
     leaves[..., 0] += warm
-    return looks.add(Material(name, finish(leaves), 0.8))
+    return finish(leaves)
 
 
-def leaves(at: np.ndarray, size_m: float, outward: np.ndarray, skin: Skin, rng: np.random.Generator) -> Piece:
+def leaves(at: np.ndarray, size_m: float, outward: np.ndarray, skin: Skin, rng: Rng) -> Piece:
     """Kites (n) round points, turned at random but rather outwards, seen from both sides by the renderer."""
     n = len(at)
     normal = outward * 1.2 + rng.normal(size=(n, 3)) * 0.8 + [0, 0, 0.4]
@@ -168,11 +167,14 @@ def shrub(looks: Looks, variant: int, radius: float = 0.6, count: int = 90) -> P
 
 def painted_facade(looks: Looks, style: int) -> Skin:
     """A facade of `BAYS` by `FLOORS` windows that repeats."""
-    name = f"facade-{style}"
-    if found := looks.known(name):
-        return found
-    ground, trim, (share_w, share_h) = STYLES[style]
-    rng, width, height = looks.rng(name), BAYS * BAY_M, FLOORS * FLOOR_M
+    size = BAYS * BAY_M, FLOORS * FLOOR_M
+    return looks.paint(f"facade-{style}", lambda rng: _paint_facade(rng, size, *STYLES[style]), 0.7, size)
+
+
+def _paint_facade(
+    rng: Rng, size: tuple[float, float], ground: Colour, trim: Colour, share: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    (width, height), (share_w, share_h) = size, share
     # light needs a quarter of the texels
     day, night = Canvas(width, height, 28, ground), Canvas(width, height, 7, (0, 0, 0))
     for row in range(FLOORS):
@@ -195,10 +197,10 @@ def painted_facade(looks: Looks, style: int) -> Skin:
                 bright, _, cool = rng.uniform(0.5, 1, 3)
                 lit = np.array((255, 206, 130)) * bright * (1, 1, 0.5 + cool)
                 night.rect(x0, z0, x0 + w, z0 + h, tuple(int(c) for c in lit))
-    return looks.add(Material(name, day.texture(0.06, rng), 0.7, 0.0, night.texture()), (width, height))
+    return day.texture(0.06, rng), night.texture()
 
 
-def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: np.random.Generator) -> Piece:
+def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: Rng) -> Piece:
     """Blocks (n, 3) low and high corners with painted facades and roofs, their windows whole."""
     style = rng.integers(0, len(STYLES), len(low))
     felt = wall(looks, "roofing", (104, 104, 102))
@@ -250,7 +252,7 @@ def surround(
 def build_grass(seed: int = 0) -> World:
     """A meadow with a landing pad in its middle, a fence, a track, and trees on the horizon."""
     # meadow and landing pad
-    looks, rng = Looks(seed), np.random.default_rng([seed, 30])
+    looks, rng = Looks(seed), Rng([seed, 30])
     meadow = grass(looks, meadow=True)
     inner = np.array([(-60.0, -60.0), (60.0, 60.0)])
     pieces = [
@@ -292,7 +294,7 @@ def _outside(piece: Piece, spot: Spot) -> Piece:
     return Piece(piece.vertices, piece.normals, piece.uv, piece.faces[keep], piece.material[keep], piece.label[keep])
 
 
-def tree_line(looks: Looks, rng: np.random.Generator, near: float, far: float, count: int) -> Piece:
+def tree_line(looks: Looks, rng: Rng, near: float, far: float, count: int) -> Piece:
     """Broad-leaved trees and spruces in a ring, in clumps."""
     clump = rng.uniform(0, 2 * np.pi, max(1, count // 9))
     angle = clump[rng.integers(0, len(clump), count)] + rng.normal(0, 0.07, count)
@@ -304,15 +306,16 @@ def tree_line(looks: Looks, rng: np.random.Generator, near: float, far: float, c
     return kit.merge(*[kit.place(made[k], at[kind == k], yaw[kind == k], scale[kind == k]) for k in range(5)])
 
 
-def hills(looks: Looks, rng: np.random.Generator) -> Piece:
+@painted("woods", 1.0, (60.0, 60.0))
+def woods(rng: Rng) -> np.ndarray:
+    """Tree tops from far away, 60 m square."""
+    tone = np.array(GREENS[2], np.float32) * (0.8 + 0.35 * fractal(rng, (256, 256), 24, 4))[..., None]
+    return tone.clip(0, 255).astype(np.uint8)
+
+
+def hills(looks: Looks, rng: Rng) -> Piece:
     """A wooded rise all round, far off."""
-    name = "woods"
-    skin = looks.known(name)
-    if skin is None:
-        gen, shape = looks.rng(name), (256, 256)
-        tone = np.array(GREENS[2], np.float32) * (0.8 + 0.35 * fractal(gen, shape, 24, 4))[..., None]
-        skin = looks.add(Material(name, tone.clip(0, 255).astype(np.uint8), 1.0), (60.0, 60.0))
-    count = 120
+    skin, count = woods(looks), 120
     angle = np.linspace(0, 2 * np.pi, count + 1)
     phase = rng.uniform(0, 6, 3)
     height = (
@@ -403,7 +406,7 @@ def windsock(looks: Looks) -> Piece:
 
 def build_apron(seed: int = 0) -> World:
     """An airfield's apron 260 m by 150 m: slabs, taxi lines, stands, hangars, a tower, vehicles, a runway."""
-    looks, rng = Looks(seed), np.random.default_rng([seed, 31])
+    looks, rng = Looks(seed), Rng([seed, 31])
     # concrete, stands and markings
     concrete = concrete_apron(looks)
     core = np.array([(-130.0, -75.0), (130.0, 75.0)])
@@ -445,13 +448,12 @@ def _stripe(looks: Looks, points: list[tuple[float, float]], width: float, colou
 
 
 def _worn_paint(looks: Looks, colour: Colour) -> Skin:
-    name = f"paint-{hex_name(colour)}"
-    if found := looks.known(name):
-        return found
-    rng, shape = looks.rng(name), (128, 128)
-    worn = np.clip(0.85 + 0.3 * fractal(rng, shape, 8, 4), 0.15, 1)[..., None]
-    tone = np.array(colour, np.float32) * worn + np.array((150, 148, 142)) * (1 - worn)
-    return looks.add(Material(name, tone.clip(0, 255).astype(np.uint8), 0.8), (3.0, 3.0))
+    def paint(rng: Rng) -> np.ndarray:
+        worn = np.clip(0.85 + 0.3 * fractal(rng, (128, 128), 8, 4), 0.15, 1)[..., None]
+        tone = np.array(colour, np.float32) * worn + np.array((150, 148, 142)) * (1 - worn)
+        return tone.clip(0, 255).astype(np.uint8)
+
+    return looks.paint(f"paint-{hex_name(colour)}", paint, 0.8, (3.0, 3.0))
 
 
 def _marks(looks: Looks, stands: np.ndarray) -> Piece:
@@ -552,7 +554,7 @@ def _control_tower(looks: Looks) -> Piece:
     return kit.merge(*pieces)
 
 
-def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) -> Piece:
+def _apron_things(looks: Looks, rng: Rng, stands: np.ndarray) -> Piece:
     # vehicles of the ground crew, of which some stand twice
     fuel = lorry(looks, "fuel", (226, 226, 222), (206, 206, 204), "JET A-1 FUEL")
     follow = car(SEDAN, (248, 200, 20), looks, "follow")

@@ -297,30 +297,32 @@ def _between(table: np.ndarray, places: np.ndarray, axis: int) -> np.ndarray:
     return (first + share * (second - first)).astype(np.float32)
 
 
-def draw(rng: np.random.Generator, low: float, high: float) -> float:
-    """An even draw between two numbers."""
-    return float(rng.uniform(low, high))
+class Rng(np.random.Generator):
+    """NumPy's generator, and what objects are varied by."""
 
+    def __init__(self, seed: int | Sequence[int]) -> None:
+        """As `np.random.default_rng`."""
+        super().__init__(np.random.PCG64(seed))
 
-def chance(rng: np.random.Generator, share: float) -> bool:
-    """True in that share of the draws."""
-    return bool(rng.random() < share)
+    def draw(self, low: float, high: float) -> float:
+        """An even draw between two numbers."""
+        return float(self.uniform(low, high))
 
+    def chance(self, share: float) -> bool:
+        """True in that share of the draws."""
+        return bool(self.random() < share)
 
-def pick(rng: np.random.Generator, options: Sequence[T]) -> T:
-    """One of the options, each as likely."""
-    return options[int(rng.integers(len(options)))]
+    def pick(self, options: Sequence[T]) -> T:
+        """One of the options, each as likely."""
+        return options[int(self.integers(len(options)))]
 
+    def colour(self, *palettes: str, spread: float = 12.0) -> Colour:
+        """A colour of a random palette, each palette as likely, shifted a little."""
+        return self.vary(self.pick(PALETTES[self.pick(palettes)]), spread)
 
-def pick_colour(rng: np.random.Generator, *palettes: str, spread: float = 12.0) -> Colour:
-    """A colour of a random palette, each palette as likely, shifted a little."""
-    return vary(rng, pick(rng, PALETTES[pick(rng, palettes)]), spread)
-
-
-def vary(rng: np.random.Generator, colour: Colour, spread: float = 12.0) -> Colour:
-    """A colour near another: lighter or darker, and a little off in hue."""
-    shifted = np.array(colour) + rng.normal(0, spread) + rng.normal(0, spread / 3, 3)
-    return rgb(shifted)
+    def vary(self, colour: Colour, spread: float = 12.0) -> Colour:
+        """A colour near another: lighter or darker, and a little off in hue."""
+        return rgb(np.array(colour) + self.normal(0, spread) + self.normal(0, spread / 3, 3))
 
 
 def shade(colour: Colour, factor: float) -> Colour:
@@ -414,9 +416,9 @@ def blotches(rng: np.random.Generator, colours: Sequence[Colour], cells: int = 5
     return pattern(colours, shader)
 
 
-def wood_grain(rng: np.random.Generator, colour: Colour, along: str = "u") -> Paint:
+def wood_grain(rng: Rng, colour: Colour, along: str = "u") -> Paint:
     """Grain of two shades along the chart's width (`u`) or height (`v`)."""
-    count, phase, wave = draw(rng, 8, 20), draw(rng, 0, 9), draw(rng, 0.5, 2)
+    count, phase, wave = rng.draw(8, 20), rng.draw(0, 9), rng.draw(0.5, 2)
     tones = [shade(colour, factor) for factor in np.linspace(0.78, 1.06, 6)]
 
     def shader(u: np.ndarray, v: np.ndarray, aspect: float) -> np.ndarray:
@@ -427,19 +429,19 @@ def wood_grain(rng: np.random.Generator, colour: Colour, along: str = "u") -> Pa
     return pattern(tones, shader)
 
 
-def decorate(rng: np.random.Generator, ground: Colour, *accents: str) -> Paint:
+def decorate(rng: Rng, ground: Colour, *accents: str) -> Paint:
     """The ground plain, or with a pattern that pots, cloths and toys have, in colours of the palettes."""
-    accent, other = pick_colour(rng, *accents), pick_colour(rng, *accents)
-    low, wide = draw(rng, 0.15, 0.7), draw(rng, 0.06, 0.25)
-    kind = pick(rng, ("plain", "plain", "band", "bands", "stripes", "dots", "checks", "scatter", "blotches", "dipped"))
+    accent, other = rng.colour(*accents), rng.colour(*accents)
+    low, wide = rng.draw(0.15, 0.7), rng.draw(0.06, 0.25)
+    kind = rng.pick(("plain", "plain", "band", "bands", "stripes", "dots", "checks", "scatter", "blotches", "dipped"))
     makers: dict[str, Callable[[], Paint]] = {
         "plain": lambda: ground,
         "band": lambda: bands([ground, accent, ground], [low, low + wide]),
         "bands": lambda: bands([ground, accent, ground, other, ground], np.array([0, 0.3, 0.45, 0.8]) * wide * 2 + low),
-        "stripes": lambda: stripes([ground, accent], int(rng.integers(6, 18)), draw(rng, -0.3, 0.3)),
-        "dots": lambda: dots(ground, accent, int(rng.integers(8, 22)), draw(rng, 0.18, 0.36)),
+        "stripes": lambda: stripes([ground, accent], int(rng.integers(6, 18)), rng.draw(-0.3, 0.3)),
+        "dots": lambda: dots(ground, accent, int(rng.integers(8, 22)), rng.draw(0.18, 0.36)),
         "checks": lambda: checks([ground, accent], 2 * int(rng.integers(5, 12))),
-        "scatter": lambda: scatter(rng, ground, [accent, other], 40, draw(rng, 0.008, 0.02)),
+        "scatter": lambda: scatter(rng, ground, [accent, other], 40, rng.draw(0.008, 0.02)),
         "blotches": lambda: blotches(rng, [ground, ground, accent], 7),
         "dipped": lambda: bands([accent, ground], [low]),
     }
@@ -487,7 +489,7 @@ def lettered(ground: Colour, ink: Colour, text: str, share: float = 0.7) -> Pain
     return paint
 
 
-def pick_word(rng: np.random.Generator) -> str:
+def pick_word(rng: Rng) -> str:
     """A name that no brand has."""
     syllables = ("VE", "LO", "RI", "KA", "NO", "SU", "TE", "MO", "BA", "DI", "FA", "ZU")
-    return "".join(pick(rng, syllables) for _ in range(2 + chance(rng, 0.5)))
+    return "".join(rng.pick(syllables) for _ in range(2 + rng.chance(0.5)))

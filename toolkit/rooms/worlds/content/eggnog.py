@@ -13,7 +13,15 @@ from PIL import Image, ImageDraw
 from toolkit.imaging.plots import read_font
 from toolkit.objects.mesh import Mesh
 from toolkit.rooms.worlds.content.drawing import Colour
-from toolkit.rooms.worlds.content.modelling import Part, assemble, extrude, revolve, seen_from_above, smooth_curve
+from toolkit.rooms.worlds.content.modelling import (
+    Part,
+    Parts,
+    assemble,
+    extrude,
+    revolve,
+    seen_from_above,
+    smooth_curve,
+)
 
 RED, DARK_RED, CREAM, GOLD = (158, 20, 30), (98, 8, 18), (255, 244, 214), (222, 170, 72)
 EGGNOG, FOAM, GLASS, BARK = (247, 231, 175), (252, 243, 212), (222, 230, 220), (128, 72, 38)
@@ -328,7 +336,7 @@ TOP_MM = 270.0
 def build() -> Mesh:
     """Build the bottle standing on z = 0, label to +x and -x, 270 mm to the tip of the cinnamon."""
     outline = _outline()
-    parts = [*_bottle(outline), _label(), _drink(outline), *_cinnamon(outline)]
+    parts = Parts(_bottle(outline), _label(), _drink(outline), _cinnamon(outline))
     materials = {"glass": (0.1, 0.0), "paper": (0.45, 0.0), "foam": (0.55, 0.0), "cinnamon": (0.6, 0.0)}
     return assemble(parts, materials, atlas_px=2048)
 
@@ -341,7 +349,7 @@ def _outline() -> np.ndarray:
     return np.insert(curve, split, [np.interp(FILL_MM, curve[:, 1], curve[:, 0]), FILL_MM], axis=0)
 
 
-def _bottle(outline: np.ndarray) -> list[Part]:
+def _bottle(outline: np.ndarray) -> Parts:
     """Foot, filled wall below and above the label, and clear glass from the fill line over the rim and down inside."""
     height = outline[:, 1]
     lower = [*outline[height < LABEL_FROM_MM], (BODY_MM, LABEL_FROM_MM)]
@@ -352,11 +360,11 @@ def _bottle(outline: np.ndarray) -> list[Part]:
     mouth = clear[-1, 0]
     bead = np.stack([mouth - 1 + 2.4 * np.cos(turn), RIM_MM + 2.2 + 2.4 * np.sin(turn)], axis=1)
     inner = (clear[::-1] - [GLASS_MM, 0])[1:]
-    return [
+    return Parts(
         revolve(foot, SEGMENTS, GLASS, "glass"), revolve(lower, SEGMENTS, paint_heel, "glass"),
         revolve(upper, SEGMENTS, paint_neck, "glass"),
         revolve([*clear, *bead, *inner], SEGMENTS, GLASS, "glass"),
-    ]  # fmt: skip
+    )  # fmt: skip
 
 
 def _label() -> Part:
@@ -377,18 +385,18 @@ def _drink(outline: np.ndarray) -> Part:
     return seen_from_above(part)
 
 
-def _cinnamon(outline: np.ndarray) -> list[Part]:
+def _cinnamon(outline: np.ndarray) -> Parts:
     """A quill rolled from both sides, that leans on the rim behind."""
     turn = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     groove = 1 - 0.55 * np.exp(-((np.cos(turn) / 0.3) ** 2)) * (np.sin(turn) > 0)
     section = np.stack([6.4 * np.cos(turn), 4.6 * np.sin(turn) * groove], axis=1)
     lean_deg, length, bearing_deg = 22.0, 85.0, 145.0
     bark, tip, end = extrude(section.tolist(), length, 0, paint_bark, "cinnamon")
-    stick = [bark, tip.painted(paint_quill), end.painted(BARK)]
-    stick = [part.rotated("z", 90).rotated("y", lean_deg).rotated("z", bearing_deg) for part in stick]
+    stick = Parts(bark, tip.painted(paint_quill), end.painted(BARK))
+    stick = stick.rotated("z", 90).rotated("y", lean_deg).rotated("z", bearing_deg)
     lift = TOP_MM - max(float(part.vertices[:, 2].max()) for part in stick)
     lean = np.radians(lean_deg)
     at_rim = outline[-1, 0] - GLASS_MM - 2 - 4.6 / np.cos(lean)
     reach = at_rim - (RIM_MM - lift) * np.tan(lean)
     x, y = reach * np.cos(np.radians(bearing_deg)), reach * np.sin(np.radians(bearing_deg))
-    return [part.moved(x, y, lift) for part in stick]
+    return stick.moved(x, y, lift)

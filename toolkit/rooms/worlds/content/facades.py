@@ -8,9 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from toolkit.objects.mesh import Material
 from toolkit.rooms.worlds.content import pieces as kit
-from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Point, finish, fractal, hex_name, pick
+from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Point, Rng, finish, fractal, hex_name
 from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
 from toolkit.rooms.worlds.content.surfaces import pane_sheet, pane_uv
 from toolkit.rooms.worlds.world import SceneClass
@@ -55,7 +54,7 @@ def bay_edges(width: float, bay_m: float) -> np.ndarray:
 
 
 def windowed_wall(
-    style: Facade, width: float, looks: Looks, rng: np.random.Generator, *, z0: float, floors: int, plain: bool = False
+    style: Facade, width: float, looks: Looks, rng: Rng, *, z0: float, floors: int, plain: bool = False
 ) -> Piece:
     """A wall from z0 up with `floors` rows of windows; `plain` leaves out all that decorates a street's side."""
     edges = bay_edges(width, style.bay_m)
@@ -101,7 +100,7 @@ def _around_openings(skin: Skin, width: float, z: tuple[float, float], across: n
     return kit.wall_quads(np.array(strips + piers), 0.0, skin, BUILDING)
 
 
-def openings(cell: np.ndarray, style: Facade, looks: Looks, rng: np.random.Generator) -> Piece:
+def openings(cell: np.ndarray, style: Facade, looks: Looks, rng: Rng) -> Piece:
     """Reveals and panes of openings (n, 4) of x0, z0, x1, z1."""
     x0, z0, x1, z1 = cell.T
     depth = style.recess_m
@@ -209,7 +208,7 @@ def fire_escape(x: float, base: np.ndarray, looks: Looks) -> Piece:
     return kit.merge(*pieces)
 
 
-def lay_out_goods(canvas: Canvas, kind: str, span: tuple[float, float], floor: float, rng: np.random.Generator) -> None:
+def lay_out_goods(canvas: Canvas, kind: str, span: tuple[float, float], floor: float, rng: Rng) -> None:
     """Fill a window between two x and from its floor up with what a shop of that kind shows."""
     if kind in ("books", "boxes", "papers", "bottles", "sweets", "bread"):
         _shelves(canvas, kind, span, floor, rng)
@@ -219,7 +218,7 @@ def lay_out_goods(canvas: Canvas, kind: str, span: tuple[float, float], floor: f
         _tables(canvas, span, floor)
     elif kind in ("clothes", "barber", "shoes"):
         for x in np.arange(span[0] + 0.3, span[1] - 0.2, 0.62):
-            tone = pick(rng, BRIGHT)
+            tone = rng.pick(BRIGHT)
             if kind == "shoes":
                 _shoes(canvas, float(x), floor, rng)
                 continue
@@ -231,12 +230,12 @@ def lay_out_goods(canvas: Canvas, kind: str, span: tuple[float, float], floor: f
         # any other trade: two rows of boxes
         for x in np.arange(span[0] + 0.05, span[1] - 0.5, 0.72):
             for z in (floor + 0.1, floor + 0.95):
-                canvas.rect(x, z, x + 0.62, z + 0.78, pick(rng, BRIGHT))
-                canvas.disc(x + 0.31, z + 0.48, 0.18, pick(rng, BRIGHT))
+                canvas.rect(x, z, x + 0.62, z + 0.78, rng.pick(BRIGHT))
+                canvas.disc(x + 0.31, z + 0.48, 0.18, rng.pick(BRIGHT))
                 canvas.line([(x + 0.08, z + 0.14), (x + 0.54, z + 0.14)], 0.05, (250, 250, 250))
 
 
-def _shelves(canvas: Canvas, kind: str, span: tuple[float, float], floor: float, rng: np.random.Generator) -> None:
+def _shelves(canvas: Canvas, kind: str, span: tuple[float, float], floor: float, rng: Rng) -> None:
     board = (110, 78, 50) if kind != "boxes" else (206, 206, 204)
     pitch = {"bread": 0.42, "bottles": 0.5, "sweets": 0.36}.get(kind, 0.46)
     z = floor
@@ -248,13 +247,11 @@ def _shelves(canvas: Canvas, kind: str, span: tuple[float, float], floor: float,
         z += pitch
 
 
-def _crates(
-    canvas: Canvas, palette: tuple[Colour, ...], span: tuple[float, float], floor: float, rng: np.random.Generator
-) -> None:
+def _crates(canvas: Canvas, palette: tuple[Colour, ...], span: tuple[float, float], floor: float, rng: Rng) -> None:
     for z in (floor, floor + 0.45, floor + 0.9):
         for x in np.arange(span[0], span[1] - 0.3, 0.44):
             canvas.rect(x, z, x + 0.4, z + 0.16, (146, 106, 64))
-            tone = pick(rng, palette)
+            tone = rng.pick(palette)
             for fx, fz in rng.uniform((x + 0.05, z + 0.14), (x + 0.36, z + 0.32), (14, 2)):
                 canvas.disc(fx, fz, 0.055, tuple(int(c * rng.uniform(0.75, 1.1)) for c in tone))
 
@@ -268,26 +265,26 @@ def _tables(canvas: Canvas, span: tuple[float, float], floor: float) -> None:
         canvas.rect(x - 0.05, floor + 0.56, x + 0.03, floor + 0.76, (60, 110, 70))
 
 
-def _shoes(canvas: Canvas, x: float, floor: float, rng: np.random.Generator) -> None:
+def _shoes(canvas: Canvas, x: float, floor: float, rng: Rng) -> None:
     outline = [(-0.2, 0.03), (0.2, 0.03), (0.18, 0.1), (0.0, 0.13), (-0.08, 0.2), (-0.2, 0.2)]
     for z in np.arange(floor, 2.0, 0.36):
         canvas.rect(x - 0.28, z, x + 0.28, z + 0.03, (226, 222, 214))
-        canvas.fill([(x + dx, z + dz) for dx, dz in outline], pick(rng, (*BRIGHT[:4], (40, 34, 30), (96, 58, 34))))
+        canvas.fill([(x + dx, z + dz) for dx, dz in outline], rng.pick((*BRIGHT[:4], (40, 34, 30), (96, 58, 34))))
 
 
-def _item(canvas: Canvas, kind: str, at: Point, shelf_m: float, rng: np.random.Generator) -> float:
+def _item(canvas: Canvas, kind: str, at: Point, shelf_m: float, rng: Rng) -> float:
     """A thing on a shelf, its lower left corner at a point; returns the width it takes."""
     x, z = at
     if kind in ("books", "boxes", "papers"):
         w = float(rng.uniform(0.03, 0.07) if kind == "books" else rng.uniform(0.1, 0.24))
         h = float(rng.uniform(0.6, 0.92)) * (shelf_m - 0.06)
-        tone = tuple(int(c * rng.uniform(0.5, 1.0)) for c in pick(rng, BRIGHT))
+        tone = tuple(int(c * rng.uniform(0.5, 1.0)) for c in rng.pick(BRIGHT))
         canvas.rect(x, z, x + w, z + h, tone)
         if kind != "books":
             canvas.rect(x + 0.02, z + h * 0.5, x + w - 0.02, z + h * 0.75, WHITE)
         return w + 0.012
     if kind == "bottles":
-        tone = pick(rng, ((30, 70, 40), (90, 50, 20), (150, 30, 30), (220, 200, 140), (40, 60, 90)))
+        tone = rng.pick(((30, 70, 40), (90, 50, 20), (150, 30, 30), (220, 200, 140), (40, 60, 90)))
         canvas.rect(x, z, x + 0.08, z + 0.24, tone)
         canvas.rect(x + 0.025, z + 0.24, x + 0.055, z + 0.36, tone)
         canvas.rect(x, z + 0.06, x + 0.08, z + 0.16, CREAM)
@@ -301,8 +298,8 @@ def _item(canvas: Canvas, kind: str, at: Point, shelf_m: float, rng: np.random.G
     # a jar of sweets
     canvas.rect(x, z, x + 0.13, z + 0.2, (226, 232, 236))
     for fx, fz in rng.uniform((x + 0.02, z + 0.02), (x + 0.11, z + 0.16), (7, 2)):
-        canvas.disc(fx, fz, 0.026, pick(rng, BRIGHT))
-    canvas.rect(x + 0.01, z + 0.2, x + 0.12, z + 0.24, pick(rng, BRIGHT))
+        canvas.disc(fx, fz, 0.026, rng.pick(BRIGHT))
+    canvas.rect(x + 0.01, z + 0.2, x + 0.12, z + 0.24, rng.pick(BRIGHT))
     return 0.16
 
 
@@ -346,7 +343,7 @@ TRADES = (
 )
 
 
-def shop_row(width: float, looks: Looks, rng: np.random.Generator, wall: Skin) -> Piece:
+def shop_row(width: float, looks: Looks, rng: Rng, wall: Skin) -> Piece:
     """A ground floor of `SHOP_FLOOR_M` with as many shops as fit, piers between them, and a door to the stairs."""
     count = max(1, round(width / 7.0))
     pier = 0.45
@@ -364,7 +361,7 @@ def shop_row(width: float, looks: Looks, rng: np.random.Generator, wall: Skin) -
     return kit.merge(*pieces)
 
 
-def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Generator) -> Piece:
+def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: Rng) -> Piece:
     """A shop: the front set back between the piers, fascia, awning, and a sign that sticks out."""
     front, sign = shop_skins(trade, looks)
     back, low = 0.45, 0.0
@@ -390,13 +387,11 @@ def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Genera
 
 
 def _awning(stripes: tuple[Colour, Colour], x0: float, x1: float, looks: Looks) -> Piece:
-    name = f"awning-{hex_name(stripes[0])}-{hex_name(stripes[1])}"
-    skin = looks.known(name)
-    if skin is None:
-        rng = looks.rng(name)
+    def paint(rng: Rng) -> np.ndarray:
         cloth = np.repeat(np.array(stripes, np.float32), 32, axis=0)[None].repeat(64, axis=0)
-        worn = 1 + 0.06 * fractal(rng, (64, 64), 2, 4)[..., None]
-        skin = looks.add(Material(name, finish(cloth * worn), 0.9), (0.6, 0.6))
+        return finish(cloth * (1 + 0.06 * fractal(rng, (64, 64), 2, 4)[..., None]))
+
+    skin = looks.paint(f"awning-{hex_name(stripes[0])}-{hex_name(stripes[1])}", paint, 0.9, (0.6, 0.6))
     top, low, out = 3.08, 2.42, 1.45
     slope = [(x0, -out, low), (x1, -out, low), (x1, -0.17, top), (x0, -0.17, top)]
     valance = [(x0, -out, low - 0.25), (x1, -out, low - 0.25), (x1, -out, low), (x0, -out, low)]
@@ -412,19 +407,19 @@ def _awning(stripes: tuple[Colour, Colour], x0: float, x1: float, looks: Looks) 
 
 def _blade(trade: Trade, x: float, looks: Looks) -> Piece:
     """A small sign square to the wall, lettered downwards on both sides."""
-    name = f"blade-{trade.name}"
-    skin = looks.known(name)
-    if skin is None:
-        word = trade.name.split(" ")[0]
-        canvas = Canvas(0.8, 0.35 + 0.3 * len(word), 80, trade.board)
-        height = 0.35 + 0.3 * len(word)
+    word = trade.name.split(" ")[0]
+    height = 0.35 + 0.3 * len(word)
+
+    def paint(rng: Rng) -> tuple[np.ndarray, np.ndarray]:
+        canvas = Canvas(0.8, height, 80, trade.board)
         canvas.rect(0.04, 0.04, 0.76, height - 0.04, trade.letters)
         canvas.rect(0.07, 0.07, 0.73, height - 0.07, trade.board)
         for k, letter in enumerate(word):
             canvas.text(0.4, height - 0.33 - 0.3 * k, letter, 0.3, trade.letters, face=trade.face)
-        sheet = canvas.texture(0.03, looks.rng(name))
-        skin = looks.add(Material(name, sheet, 0.4, 0.0, sheet[::2, ::2].copy()), (0.8, height))
-    height = skin.tile_m[1]
+        sheet = canvas.texture(0.03, rng)
+        return sheet, sheet[::2, ::2].copy()
+
+    skin = looks.paint(f"blade-{trade.name}", paint, 0.4, (0.8, height))
     low, out, thick = 4.4, 0.95, 0.09
     y0, y1 = -out - 0.1, -0.1
     right = [(x + thick, y0, low), (x + thick, y1, low), (x + thick, y1, low + height), (x + thick, y0, low + height)]
@@ -438,24 +433,21 @@ def _blade(trade: Trade, x: float, looks: Looks) -> Piece:
 
 def shop_skins(trade: Trade, looks: Looks) -> tuple[Skin, Skin]:
     """Skins of a trade's front and of its fascia."""
-    name = f"shop-{trade.name}"
-    front = looks.known(name)
-    if front is None:
-        rng = looks.rng(name)
-        day, glow = _paint_front(trade, rng)
-        front = looks.add(Material(name, day, 0.25, 0.0, glow))
+    rng = looks.rng(f"shop-{trade.name}")
+
+    def paint_sign(_: Rng) -> tuple[np.ndarray, np.ndarray]:
         canvas = Canvas(SIGN_W, SIGN_H, 96, trade.board)
         canvas.line([(0.5, 0.09), (SIGN_W - 0.5, 0.09)], 0.03, trade.letters)
         canvas.line([(0.5, SIGN_H - 0.09), (SIGN_W - 0.5, SIGN_H - 0.09)], 0.03, trade.letters)
         canvas.text(SIGN_W / 2, SIGN_H / 2, trade.name, 0.58, trade.letters, face=trade.face, fit_m=4.4)
-        sign = canvas.texture(0.03, rng)
-        looks.add(Material(f"sign-{trade.name}", sign, 0.45, 0.0, (sign[::2, ::2] * 0.8).astype(np.uint8)))
-    sign_skin = looks.known(f"sign-{trade.name}")
-    assert sign_skin is not None
-    return front, sign_skin
+        sign = canvas.texture(0.03, rng)  # its draws follow those of the front
+        return sign, (sign[::2, ::2] * 0.8).astype(np.uint8)
+
+    front = looks.paint(f"shop-{trade.name}", lambda _: _paint_front(trade, rng), 0.25)
+    return front, looks.paint(f"sign-{trade.name}", paint_sign, 0.45)
 
 
-def _paint_front(trade: Trade, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _paint_front(trade: Trade, rng: Rng) -> tuple[np.ndarray, np.ndarray]:
     """Two display windows and a door between, goods behind the glass; and its light in the evening."""
     canvas = Canvas(FRONT_W, FRONT_H, PX_PER_M, trade.frame)
     lamps = Canvas(FRONT_W, FRONT_H, PX_PER_M / 4, (0, 0, 0))

@@ -5,13 +5,12 @@ A hull lies along x, its bow to +x, its waterline at z = 0.
 
 import numpy as np
 
-from toolkit.objects.mesh import Material
 from toolkit.rooms.worlds.content import pieces as kit
 from toolkit.rooms.worlds.content.countryside import towers
-from toolkit.rooms.worlds.content.drawing import Canvas, Colour
+from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Rng
 from toolkit.rooms.worlds.content.landmarks import tower_crane
 from toolkit.rooms.worlds.content.modelling import revolve
-from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
+from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin, painted
 from toolkit.rooms.worlds.content.street_furniture import board, sheet, street_lamp, traffic_cone
 from toolkit.rooms.worlds.content.surfaces import (
     BRICKS,
@@ -40,14 +39,16 @@ QUAY_X, QUAY_BACK_Y = 160.0, 90.0
 def container_skin(looks: Looks, line: int) -> Skin:
     """Corrugated steel with the line's name, a long side of a container."""
     colour, name = LINES[line]
-    if found := looks.known(f"container-{name}"):
-        return found
-    canvas = Canvas(BOX_M[0], BOX_M[2], 40, colour)
-    for k in range(44):
-        canvas.rect(0.1 + 0.275 * k, 0.15, 0.22 + 0.275 * k, BOX_M[2] - 0.12, tuple(int(c * 0.78) for c in colour))
-    canvas.text(BOX_M[0] / 2, 1.45, name, 1.3, (238, 238, 232), fit_m=8)
-    canvas.text(11.2, 2.2, "22G1", 0.24, (238, 238, 232))
-    return looks.add(Material(f"container-{name}", canvas.texture(0.08, looks.rng(name)), 0.6), BOX_M[:1] + BOX_M[2:])
+
+    def paint(_: Rng) -> np.ndarray:
+        canvas = Canvas(BOX_M[0], BOX_M[2], 40, colour)
+        for k in range(44):
+            canvas.rect(0.1 + 0.275 * k, 0.15, 0.22 + 0.275 * k, BOX_M[2] - 0.12, tuple(int(c * 0.78) for c in colour))
+        canvas.text(BOX_M[0] / 2, 1.45, name, 1.3, (238, 238, 232), fit_m=8)
+        canvas.text(11.2, 2.2, "22G1", 0.24, (238, 238, 232))
+        return canvas.texture(0.08, looks.rng(name))
+
+    return looks.paint(f"container-{name}", paint, 0.6, BOX_M[:1] + BOX_M[2:])
 
 
 def container(looks: Looks, line: int, label: int = F) -> Piece:
@@ -115,7 +116,7 @@ def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Lo
     return kit.merge(*pieces)
 
 
-def feeder_ship(looks: Looks, rng: np.random.Generator) -> Piece:
+def feeder_ship(looks: Looks, rng: Rng) -> Piece:
     """A feeder container ship 110 m long at the quay."""
     boxes_at, kinds = [], []
     for bay in range(5):
@@ -133,7 +134,7 @@ def feeder_ship(looks: Looks, rng: np.random.Generator) -> Piece:
     )  # fmt: skip
 
 
-def boats(looks: Looks, rng: np.random.Generator) -> Piece:
+def boats(looks: Looks, rng: Rng) -> Piece:
     """Fishing boats, a tug, yachts at moorings."""
     spar, sail = looks.plain((222, 218, 206)), looks.plain((240, 236, 224), "matte")
     # a fishing boat with house and mast
@@ -177,7 +178,7 @@ def boats(looks: Looks, rng: np.random.Generator) -> Piece:
 
 def build_harbour(seed: int = 0) -> World:
     """A quay 320 m long with the water to its south."""
-    looks, rng = Looks(seed), np.random.default_rng([seed, 32])
+    looks, rng = Looks(seed), Rng([seed, 32])
     core = np.array([(-QUAY_X, -110.0), (QUAY_X, QUAY_BACK_Y)])
     sheds = [_shed(looks, 44.0, 24.0, k) for k in range(3)]
     shed_x = (-120.0, -40.0, 70.0)
@@ -247,7 +248,7 @@ def _quay_marks(looks: Looks) -> Piece:
     )
 
 
-def _container_yard(looks: Looks, rng: np.random.Generator) -> tuple[Piece, list[list[float]]]:
+def _container_yard(looks: Looks, rng: Rng) -> tuple[Piece, list[list[float]]]:
     length, width, height = BOX_M
     at, line, solids = [], [], []
     for column in range(5):
@@ -294,19 +295,22 @@ def _gantry(looks: Looks) -> Piece:
     return kit.merge(*pieces)
 
 
+@painted("planks", 0.9, (3.0, 3.0))
+def planks(rng: Rng) -> np.ndarray:
+    """The boards of a pier, 3 m square."""
+    canvas = Canvas(3, 3, 72, (60, 48, 38))
+    for k in range(15):
+        canvas.rect(0, 0.2 * k, 3, 0.2 * k + 0.185, tuple(int(c * rng.uniform(0.8, 1.15)) for c in (140, 118, 92)))
+    return canvas.texture(0.06, rng)
+
+
 def _pier(looks: Looks) -> Piece:
-    wood = looks.known("planks")
-    if wood is None:
-        canvas, rng = Canvas(3, 3, 72, (60, 48, 38)), looks.rng("planks")
-        for k in range(15):
-            canvas.rect(0, 0.2 * k, 3, 0.2 * k + 0.185, tuple(int(c * rng.uniform(0.8, 1.15)) for c in (140, 118, 92)))
-        wood = looks.add(Material("planks", canvas.texture(0.06, rng), 0.9), (3.0, 3.0))
     # two rows of piles down to the bottom, and a railing on the water's side
     piles = np.array([(x, y, -7.0) for x in (101.0, 104.6) for y in np.arange(-58.0, 0.0, 6.0)])
     rail = np.array([((105.0, -60.0, z), (105.0, 0.0, z)) for z in (0.5, 1.0)])
     posts = np.array([(105.0, y, -0.3) for y in np.arange(-60.0, 0.1, 3.0)])
     return kit.merge(
-        kit.boxes((100.6, -60.0, -0.45), (105.0, 0.0, -0.2), wood, SceneClass.PAVEMENT),
+        kit.boxes((100.6, -60.0, -0.45), (105.0, 0.0, -0.2), planks(looks), SceneClass.PAVEMENT),
         kit.bars(piles, piles + [0, 0, 6.7], 0.4, looks.plain((84, 70, 58)), F),
         kit.bars(rail[:, 0], rail[:, 1], 0.07, looks.plain((230, 228, 220)), F),
         kit.bars(posts, posts + [0, 0, 1.35], 0.09, looks.plain((230, 228, 220)), F),
@@ -383,7 +387,7 @@ def _quay_things(looks: Looks) -> Piece:
     )  # fmt: skip
 
 
-def _town(looks: Looks, rng: np.random.Generator) -> Piece:
+def _town(looks: Looks, rng: Rng) -> Piece:
     x = np.arange(-520.0, 520.0, 26.0)
     low, high = [], []
     for row, y in enumerate((112.0, 150.0, 205.0, 280.0)):

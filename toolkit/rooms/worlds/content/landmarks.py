@@ -7,12 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from toolkit.objects.mesh import Material
 from toolkit.rooms.worlds.content import pieces as kit
 from toolkit.rooms.worlds.content.buildings import House, Roof, flat_roof
-from toolkit.rooms.worlds.content.drawing import Canvas
+from toolkit.rooms.worlds.content.drawing import Canvas, Rng
 from toolkit.rooms.worlds.content.facades import SHOP_FLOOR_M, Facade, cornice, shop_row, windowed_wall
-from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
+from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin, painted
 from toolkit.rooms.worlds.content.street_furniture import board, sheet
 from toolkit.rooms.worlds.content.surfaces import BRICKS, STONES, wall
 from toolkit.rooms.worlds.world import SceneClass
@@ -24,7 +23,7 @@ _TURN = np.linspace(0, 2 * np.pi, 25)[:-1]
 CIRCLE = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
 
 
-def building_site(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
+def building_site(width: float, depth: float, looks: Looks, rng: Rng) -> House:
     """A concrete frame under way behind a hoarding, with a tower crane."""
     concrete = wall(looks, "concrete", (186, 180, 168))
     steel, timber = looks.plain((150, 84, 52)), looks.plain((186, 146, 96))
@@ -47,7 +46,7 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
         kit.boxes(posts, posts + np.column_stack([np.full((len(posts), 2), 0.5), tops]), concrete, B),
         kit.bars(rods, rods + [0, 0, 0.9], 0.03, steel, B),
         kit.bars(props, props + [0, 0, floor_m - 0.3], 0.07, steel, B),
-        _hoarding(width, depth, looks), tower_crane(looks).moved(4.0, depth - 4.2, 0),
+        _fence(width, depth, looks), tower_crane(looks).moved(4.0, depth - 4.2, 0),
     ]  # fmt: skip
     # railings along the edges, and piles of timber
     edge = np.array([(x0, y, level) for level in z for y in (y0, y1)], float)
@@ -62,8 +61,10 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
     return House(kit.merge(*pieces), frame)
 
 
-def _hoarding(width: float, depth: float, looks: Looks) -> Piece:
-    c, rng = Canvas(9.6, 2.4, 56, (28, 92, 74)), looks.rng("hoarding")
+@painted("hoarding", 0.8, (9.6, 2.4))
+def hoarding(rng: Rng) -> np.ndarray:
+    """A fence of boards with posters, 9.6 m long."""
+    c = Canvas(9.6, 2.4, 56, (28, 92, 74))
     # boards of 1.2 m, with posters
     for k in range(8):
         c.line([(1.2 * k, 0), (1.2 * k, 2.4)], 0.03, (18, 64, 52))
@@ -77,13 +78,13 @@ def _hoarding(width: float, depth: float, looks: Looks) -> Piece:
         )  # fmt: skip
         c.rect(x + 0.15, 0.85, x + 0.75, 1.35, tuple(int(255 - v) for v in tone))
     c.text(7.6, 2.2, "DANGER · KEEP OUT", 0.2, (250, 210, 40))
-    skin = looks.known("hoarding")
-    if skin is None:
-        skin = looks.add(Material("hoarding", c.texture(0.06, rng), 0.8), (9.6, 2.4))
+    return c.texture(0.06, rng)
 
+
+def _fence(width: float, depth: float, looks: Looks) -> Piece:
     def make(number: int, span: float) -> Piece:
         back = kit.wall_quads((-span, 0.0, 0.0, 2.4), 0.0, looks.plain((150, 120, 84)), B).turned(180).moved(0, 0.06, 0)
-        return kit.merge(kit.wall_quads((0.0, 0.0, span, 2.4), 0.0, skin, B), back)
+        return kit.merge(kit.wall_quads((0.0, 0.0, span, 2.4), 0.0, hoarding(looks), B), back)
 
     return kit.set_round(width, depth, make)
 
@@ -145,11 +146,9 @@ def pointed_arch(x: float, z0: float, z1: float, width: float) -> np.ndarray:
     return np.concatenate([[(x - w, z0), (x + w, z0)], right, left])
 
 
-def stained_glass(looks: Looks) -> Skin:
+@painted("stained", 0.2)
+def stained_glass(rng: Rng) -> tuple[np.ndarray, np.ndarray]:
     """Leaded panes of many colours."""
-    if found := looks.known("stained"):
-        return found
-    rng = looks.rng("stained")
     canvas = Canvas(1, 3, 96, (20, 20, 24))
     tones = ((38, 60, 130), (130, 34, 40), (46, 104, 70), (176, 140, 50), (70, 50, 110), (50, 92, 130))
     for row in range(18):
@@ -158,7 +157,7 @@ def stained_glass(looks: Looks) -> Skin:
             x, z = column / 6, row / 6
             canvas.rect(x + 0.012, z + 0.012, x + 0.155, z + 0.155, tuple(int(c * rng.uniform(0.5, 1.1)) for c in tone))
     picture = canvas.texture()
-    return looks.add(Material("stained", picture, 0.2, 0.0, picture[::2, ::2].copy()))
+    return picture, picture[::2, ::2].copy()
 
 
 def _lancets(at: np.ndarray, z: tuple[float, float], width: float, trim: Skin, looks: Looks) -> Piece:
@@ -304,7 +303,7 @@ def _cinema_sheets(looks: Looks) -> tuple[Skin, Skin, Skin]:
     return marquee, upright, bills
 
 
-def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
+def cinema(width: float, depth: float, looks: Looks, rng: Rng) -> House:
     """A picture palace: rendered front with fins, a lit marquee over the doors, and an upright sign."""
     # materials and lettering
     render, brick = wall(looks, "render", (206, 150, 124)), wall(looks, "brick", BRICKS[1])
@@ -345,7 +344,7 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
     return House(kit.merge(*pieces), np.array([[0, 0, 0, width, depth, height]]))
 
 
-def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
+def library(width: float, depth: float, looks: Looks, rng: Rng) -> House:
     """A classical front: steps, columns, a pediment with PUBLIC LIBRARY, stone wings."""
     stone, trim = wall(looks, "ashlar", STONES[5]), wall(looks, "render", (222, 208, 182))
     style = Facade(
@@ -406,7 +405,7 @@ def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     return kit.merge(*pieces)
 
 
-def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], rng: np.random.Generator) -> House:
+def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], rng: Rng) -> House:
     """Open decks with parapets, parked cars to be seen between them, a ramp sign and a big P; a pad on top."""
     concrete, dark = wall(looks, "concrete", (168, 164, 156)), wall(looks, "concrete", (120, 118, 114))
     decks, floor_m = 5, 3.1

@@ -4,8 +4,11 @@ Frame: millimetres, x forward (the object's front), y left, z up. Each part carr
 millimetres, so that paint is drawn at true scale and no two triangles share a texel.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
+from typing import TypeVar
 
 import numpy as np
 from PIL import Image
@@ -25,8 +28,64 @@ MATERIALS = {
 """Name -> (roughness, metallic)."""
 
 
+Group = TypeVar("Group", bound="Solid")
+
+
+class Solid(ABC, Iterable["Part"]):
+    """Parts that are moved together; a part is a group of its own."""
+
+    @abstractmethod
+    def each(self: Group, change: Callable[["Part"], "Part"]) -> Group:
+        """The same with every part changed."""
+
+    def painted(self: Group, paint: Paint, material: str | None = None) -> Group:
+        """The same surface with other paint, and another material if named."""
+        return self.each(lambda part: replace(part, paint=paint, material=material or part.material))
+
+    def bent(self: Group, move: Callable[[np.ndarray], np.ndarray]) -> Group:
+        """With the vertices (n, 3) of each part replaced by what `move` makes of them."""
+        return self.each(lambda part: replace(part, vertices=move(part.vertices)))
+
+    def moved(self: Group, x: float = 0, y: float = 0, z: float = 0) -> Group:
+        """Translated by millimetres."""
+        return self.bent(lambda vertices: vertices + np.array([x, y, z]))
+
+    def rotated(self: Group, axis: str, degrees: float) -> Group:
+        """Turned about the x, y or z axis through the origin, counter-clockwise seen from the axis' tip."""
+        i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+        cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        rotation = np.eye(3)
+        rotation[[i, i, j, j], [i, j, i, j]] = cosine, -sine, sine, cosine
+        return self.bent(lambda vertices: vertices @ rotation.T)
+
+    def scaled(self: Group, x: float = 1, y: float = 1, z: float = 1) -> Group:
+        """Stretched along the axes by positive factors."""
+        return self.bent(lambda vertices: vertices * np.array([x, y, z]))
+
+    def flipped(self: Group) -> Group:
+        """With inside and outside exchanged."""
+        return self.each(lambda part: replace(part, faces=part.faces[:, ::-1], corner_uv=part.corner_uv[:, ::-1]))
+
+    def mirrored(self: Group, axis: str = "y") -> Group:
+        """Reflected through the plane across an axis; the winding is turned so that outside stays outside."""
+        flip = np.ones(3)
+        flip["xyz".index(axis)] = -1
+        return self.bent(lambda vertices: vertices * flip).flipped()
+
+    def both_sides(self) -> "Parts":
+        """The parts and their mirror image across the x-z plane."""
+        return Parts(self, self.mirrored())
+
+    def outward(self: Group) -> Group:
+        """Turned as a closed group so that it encloses a positive volume."""
+        corners = [part.vertices[part.faces] for part in self]
+        # six times the signed volume: a sum of tetrahedra from the origin (divergence theorem)
+        volume = sum(np.einsum("ij,ij->", c[:, 0], np.cross(c[:, 1], c[:, 2])) for c in corners)
+        return self if volume > 0 else self.flipped()
+
+
 @dataclass(frozen=True)
-class Part:
+class Part(Solid):
     """A piece of surface with its chart."""
 
     vertices: np.ndarray  # (n, 3) millimetres
@@ -36,45 +95,32 @@ class Part:
     paint: Paint = (200, 200, 200)  # what the chart shows
     material: str = "paint"  # name of the part's material
 
-    def painted(self, paint: Paint, material: str | None = None) -> "Part":
-        """The same surface with other paint, and another material if named."""
-        return replace(self, paint=paint, material=material or self.material)
+    def each(self, change: Callable[["Part"], "Part"]) -> "Part":
+        """The part changed."""
+        return change(self)
 
-    def moved(self, x: float = 0, y: float = 0, z: float = 0) -> "Part":
-        """Translated by millimetres."""
-        return replace(self, vertices=self.vertices + np.array([x, y, z]))
-
-    def rotated(self, axis: str, degrees: float) -> "Part":
-        """Turned about the x, y or z axis through the origin, counter-clockwise seen from the axis' tip."""
-        i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-        cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-        rotation = np.eye(3)
-        rotation[[i, i, j, j], [i, j, i, j]] = cosine, -sine, sine, cosine
-        return replace(self, vertices=self.vertices @ rotation.T)
-
-    def scaled(self, x: float = 1, y: float = 1, z: float = 1) -> "Part":
-        """Stretched along the axes by positive factors."""
-        return replace(self, vertices=self.vertices * np.array([x, y, z]))
-
-    def mirrored(self, axis: str = "y") -> "Part":
-        """Reflected through the plane across an axis; the winding is turned so that outside stays outside."""
-        flip = np.ones(3)
-        flip["xyz".index(axis)] = -1
-        return replace(
-            self, vertices=self.vertices * flip, faces=self.faces[:, ::-1], corner_uv=self.corner_uv[:, ::-1]
-        )
-
-    def flipped(self) -> "Part":
-        """With inside and outside exchanged."""
-        return replace(self, faces=self.faces[:, ::-1], corner_uv=self.corner_uv[:, ::-1])
+    def __iter__(self) -> Iterator["Part"]:
+        yield self
 
 
-def surface(points: np.ndarray, paint: Paint = (200, 200, 200), material: str = "paint") -> Part:
+class Parts(list[Part], Solid):
+    """Several parts, in order; made from parts and groups of parts."""
+
+    def __init__(self, *groups: Iterable[Part]) -> None:
+        super().__init__(chain.from_iterable(groups))
+
+    def each(self, change: Callable[[Part], Part]) -> "Parts":
+        """Every part changed."""
+        return Parts(map(change, self))
+
+
+def surface(net: np.ndarray | Sequence[np.ndarray], paint: Paint = (200, 200, 200), material: str = "paint") -> Part:
     """A part from a (rows, columns, 3) net of points; the chart unrolls it by mean arc length.
 
     Outside is where (along columns) × (along rows) points. u runs along the columns, v along the rows. For a closed
     net repeat the first row or column at the end.
     """
+    points = np.asarray(net, float)
     rows, columns = points.shape[:2]
     # means over all rows and columns: paint is stretched where a row is longer than the mean, as on a globe
     along_u = np.linalg.norm(np.diff(points, axis=1), axis=2).mean(axis=0)
@@ -84,7 +130,7 @@ def surface(points: np.ndarray, paint: Paint = (200, 200, 200), material: str = 
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     faces = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=2).reshape(-1, 3)
-    vertices = points.reshape(-1, 3).astype(np.float64)
+    vertices = points.reshape(-1, 3)
     triangles = vertices[faces]
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
     faces = faces[area > 1e-9]  # a pole of a revolved profile has no extent
@@ -110,15 +156,16 @@ def revolve(
 
 def loft(
     sections: Sequence[np.ndarray], paint: Paint = (200, 200, 200), material: str = "paint", cap: bool = True
-) -> list[Part]:
+) -> Parts:
     """Skin a row of closed sections, each (k, 3) with the first point not repeated, and cap both ends.
 
     Sections run counter-clockwise seen from beyond the last section (looking back along the loft).
     """
     net = np.stack([np.concatenate([section, section[:1]]) for section in sections])
-    parts = [surface(net, paint, material)]
+    parts = Parts(surface(net, paint, material))
     if cap:
-        parts += [fan(np.asarray(sections[-1]), paint, material), fan(np.asarray(sections[0])[::-1], paint, material)]
+        parts += fan(np.asarray(sections[-1]), paint, material)
+        parts += fan(np.asarray(sections[0])[::-1], paint, material)
     return parts
 
 
@@ -148,7 +195,7 @@ def plate(outline: np.ndarray, paint: Paint = (200, 200, 200), material: str = "
 def extrude(
     outline: Sequence[tuple[float, float]], height: float, bevel: float = 0.0, paint: Paint = (200, 200, 200),
     material: str = "paint",
-) -> list[Part]:  # fmt: skip
+) -> Parts:  # fmt: skip
     """Raise a flat (x, y) outline, counter-clockwise from above, from z = 0 to `height`, its edges cut by `bevel`."""
     outer = np.asarray(outline, float)
     inner = _inset(outer, bevel) if bevel > 0 else outer
@@ -157,12 +204,12 @@ def extrude(
         levels = levels[1:3]
     rings = [np.c_[ring, np.full(len(ring), z)] for ring, z in levels]
     wall = surface(np.stack([np.concatenate([ring, ring[:1]]) for ring in rings]), paint, material)
-    return [wall, plate(rings[-1], paint, material), plate(rings[0][::-1], paint, material)]
+    return Parts(wall, plate(rings[-1], paint, material), plate(rings[0][::-1], paint, material))
 
 
 def box(
     size: tuple[float, float, float], bevel: float = 0.0, paint: Paint = (200, 200, 200), material: str = "paint"
-) -> list[Part]:
+) -> Parts:
     """A box centred on the origin with bevelled edges."""
     x, y, z = size
     outline = [(-x / 2, -y / 2), (x / 2, -y / 2), (x / 2, y / 2), (-x / 2, y / 2)]
@@ -171,13 +218,13 @@ def box(
             (-x / 2 + bevel, -y / 2), (x / 2 - bevel, -y / 2), (x / 2, -y / 2 + bevel), (x / 2, y / 2 - bevel),
             (x / 2 - bevel, y / 2), (-x / 2 + bevel, y / 2), (-x / 2, y / 2 - bevel), (-x / 2, -y / 2 + bevel),
         ]  # fmt: skip
-    return [part.moved(z=-z / 2) for part in extrude(outline, z, bevel, paint, material)]
+    return extrude(outline, z, bevel, paint, material).moved(z=-z / 2)
 
 
 def tube(
     path: np.ndarray, radius: float | Sequence[float] | np.ndarray, segments: int = 24, paint: Paint = (200, 200, 200),
     material: str = "paint", flatten: float = 1.0, cap: bool = True,
-) -> list[Part]:  # fmt: skip
+) -> Parts:  # fmt: skip
     """A pipe along a path (k, 3) with a radius per point; `flatten` squeezes it across the path's plane."""
     path = np.asarray(path, float)
     radii = np.broadcast_to(np.asarray(radius, float), (len(path),))
@@ -391,7 +438,7 @@ def lathe(
 def vessel(
     outline: np.ndarray, wall: float, outside: Paint, inside: Paint, material: str = "ceramic",
     segments: int = SEGMENTS, floor: float | None = None, content: tuple[float, Paint, str] | None = None,
-) -> list[Part]:  # fmt: skip
+) -> Parts:  # fmt: skip
     """A hollow vessel: its outline (n, 2) of (radius, z) from the foot to the rim, a round rim and the inside.
 
     `floor` is the height of the inner bottom, by default the wall's thickness. `content` is its filling: (height as a
@@ -407,12 +454,12 @@ def vessel(
     rim = middle + wall / 2 * np.stack([np.cos(turn), np.sin(turn)], 1)
     down = [outline[-1], *rim, *inner[inner[:, 1] > level][::-1], (at_level, level)]
     paint, top_material = (inside, material) if content is None else content[1:]
-    return [
+    return Parts(
         revolve([(0, outline[0, 1]), tuple(outline[0])], segments, _foot_colour(outside), material),
         revolve(outline.tolist(), segments, outside, material),
         revolve(np.array(down).tolist(), segments, inside, material),
         disc(at_level, level, paint, top_material, segments),
-    ]
+    )
 
 
 def _foot_colour(paint: Paint) -> Colour:
@@ -430,15 +477,15 @@ def disc(radius: float, z: float, paint: Paint, material: str = "plastic", segme
 def cylinder(
     radius: float, low: float, high: float, paint: Paint, material: str = "plastic", segments: int = 24,
     top_radius: float | None = None, bevel: float = 0.0,
-) -> list[Part]:  # fmt: skip
+) -> Parts:  # fmt: skip
     """A closed cylinder or cone about z."""
     top = radius if top_radius is None else top_radius
     wall = [(radius, low), (top, high)]
     if bevel > 0:
         wall = [(radius - bevel, low), (radius, low + bevel), (top, high - bevel), (top - bevel, high)]
-    ends = [disc(wall[-1][0], high, _foot_colour(paint), material, segments)]
-    ends.append(disc(wall[0][0], -low, _foot_colour(paint), material, segments).rotated("x", 180))
-    return [revolve(wall, segments, paint, material), *ends]
+    upper = disc(wall[-1][0], high, _foot_colour(paint), material, segments)
+    lower = disc(wall[0][0], -low, _foot_colour(paint), material, segments).rotated("x", 180)
+    return Parts(revolve(wall, segments, paint, material), upper, lower)
 
 
 def ball(
@@ -454,7 +501,7 @@ def ball(
 def rod(
     points: Path, radius: float | Sequence[float], paint: Paint, material: str = "plastic", count: int = 16,
     segments: int = 10, flatten: float = 1.0,
-) -> list[Part]:  # fmt: skip
+) -> Parts:  # fmt: skip
     """A bent rod through points; with several radii they are spread along it."""
     path = smooth_curve(np.asarray(points, float).tolist(), count) if len(points) > 2 else np.asarray(points, float)
     radii = np.interp(np.linspace(0, 1, len(path)), np.linspace(0, 1, np.size(radius)), np.atleast_1d(radius))
@@ -476,58 +523,36 @@ def seen_from_above(part: Part) -> Part:
     return replace(part, corner_uv=flat[part.faces], chart_mm=(float(width), float(depth)))
 
 
-def outward(parts: list[Part]) -> list[Part]:
-    """Turn a closed group of parts so that it encloses a positive volume."""
-    corners = [part.vertices[part.faces] for part in parts]
-    # six times the signed volume: a sum of tetrahedra from the origin (divergence theorem)
-    volume = sum(np.einsum("ij,ij->", c[:, 0], np.cross(c[:, 1], c[:, 2])) for c in corners)
-    return parts if volume > 0 else [part.flipped() for part in parts]
-
-
-def moved(parts: list[Part], x: float = 0, y: float = 0, z: float = 0) -> list[Part]:
-    """All parts translated."""
-    return [part.moved(x, y, z) for part in parts]
-
-
-def turned(parts: list[Part], axis: str, degrees: float) -> list[Part]:
-    """All parts rotated about an axis through the origin."""
-    return [part.rotated(axis, degrees) for part in parts]
-
-
-def mirrored(parts: list[Part]) -> list[Part]:
-    """The parts and their mirror image across the x-z plane."""
-    return [*parts, *(part.mirrored("y") for part in parts)]
-
-
 def block(
     size: tuple[float, float, float], at: tuple[float, float, float], paint: Paint, material: str = "plastic",
     bevel: float = 0.0,
-) -> list[Part]:  # fmt: skip
+) -> Parts:  # fmt: skip
     """A box with its centre at a place."""
-    return moved(box(size, bevel, paint, material), *at)
+    return box(size, bevel, paint, material).moved(*at)
 
 
 def slab(
-    outline: Sequence[tuple[float, float]], thickness: float, paint: Paint, material: str = "plastic", y: float = 0.0
-) -> list[Part]:
+    outline: Sequence[tuple[float, float]], thickness: float, paint: Paint, material: str = "plastic", y: float = 0.0,
+    bevel: float = 0.0,
+) -> Parts:  # fmt: skip
     """A plate from an (x, z) outline, counter-clockwise with x to the right and z up; `y` is its middle."""
-    return moved(turned(extrude(outline, thickness, 0, paint, material), "x", 90), y=y + thickness / 2)
+    return extrude(outline, thickness, bevel, paint, material).rotated("x", 90).moved(y=y + thickness / 2)
 
 
 def hull(
     stations: Sequence[Sequence[float]], paint: Paint, material: str = "paint", count: int = 20, around: int = 24
-) -> list[Part]:
+) -> Parts:
     """A body along x from stations (x, width, height, middle z, power of the section), smoothed."""
     # stations alone would show as creases
     curve = smooth_curve(stations, count) if count > len(stations) else np.asarray(stations, float)
     sections = [superellipse(w, h, power, around, x, 0, z) for x, w, h, z, power in curve]
-    return outward(loft(sections, paint, material))
+    return loft(sections, paint, material).outward()
 
 
 def wing(
     root: tuple[float, float, float], tip: tuple[float, float, float], chords: tuple[float, float], thickness: float,
     paint: Paint, material: str = "paint", upright: bool = False,
-) -> list[Part]:  # fmt: skip
+) -> Parts:  # fmt: skip
     """A tapering wing between the leading edges `root` and `tip`; chords reach to -x. An upright wing is a fin."""
     # an aerofoil of seven points: share of the chord behind the leading edge, share of the thickness
     shape = np.array([(0, 0), (-0.12, 0.45), (-0.35, 0.5), (-1, 0.06), (-1, -0.06), (-0.35, -0.5), (-0.12, -0.45)])
@@ -538,12 +563,12 @@ def wing(
         level = np.zeros(len(shape))
         offset = np.stack([along, across, level] if upright else [along, level, across], 1)
         rows.append(np.array(edge) + offset)
-    return outward(loft(rows, paint, material))
+    return loft(rows, paint, material).outward()
 
 
 def wheel(
     radius: float, width: float, tyre: Colour, rim: Colour, rim_share: float = 0.6, segments: int = 24, spokes: int = 0
-) -> list[Part]:
+) -> Parts:
     """A wheel about the y axis, centred, with dished faces, and spokes if any."""
     half, inner = width / 2, radius * rim_share
     round_off = min(0.25 * width, 0.2 * radius)
@@ -552,8 +577,7 @@ def wheel(
     dish = [(inner, half), (inner * 0.9, half - 0.12 * width), (inner * 0.3, half - 0.12 * width)]
     dish += [(inner * 0.24, half), (0, half)]
     face = revolve(dish, segments, _paint_rim(rim, spokes), "metal" if not spokes else "paint")
-    parts = [revolve(profile, segments, tyre, "rubber"), face, face.rotated("x", 180)]
-    return turned(parts, "x", -90)
+    return Parts(revolve(profile, segments, tyre, "rubber"), face, face.rotated("x", 180)).rotated("x", -90)
 
 
 def _paint_rim(rim: Colour, spokes: int) -> Paint:
@@ -567,17 +591,7 @@ def _paint_rim(rim: Colour, spokes: int) -> Paint:
     return pattern([rim, (28, 28, 30)], shader)
 
 
-def net_part(rows: Sequence[np.ndarray], paint: Paint, material: str) -> Part:
-    """A surface over rows of points (k, 3)."""
-    return surface(np.stack(rows), paint, material)
-
-
 def picture(width: float, height: float, paint: Paint, material: str = "paint") -> Part:
     """A flat picture about the origin that faces +x and stands upright."""
     y, z = width / 2, height / 2
     return surface(np.array([[(0, -y, -z), (0, y, -z)], [(0, -y, z), (0, y, z)]]), paint, material)
-
-
-def push(part: Part, move: Callable[[np.ndarray], np.ndarray]) -> Part:
-    """A part with its vertices (n, 3) replaced by what `move` makes of them."""
-    return replace(part, vertices=move(part.vertices))

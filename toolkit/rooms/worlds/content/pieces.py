@@ -5,13 +5,14 @@ Frame: metres, z up. A wall is built with its outside towards -y and x to the ri
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import wraps
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from toolkit.objects.mesh import Material, Mesh, mesh_from_corners
-from toolkit.rooms.worlds.content.drawing import Ink
+from toolkit.rooms.worlds.content.drawing import Ink, Rng
 from toolkit.rooms.worlds.content.modelling import Part, revolve
 
 CELL_PX, CELLS = 8, 32
@@ -30,6 +31,10 @@ class Skin:
     at: tuple[float, float] | None = None  # a single place (u, v) of the texture for the whole surface: a plain colour
 
 
+Painter = Callable[[Rng], np.ndarray | tuple[np.ndarray, np.ndarray | None]]
+"""Paints a texture, uint8; or a texture and the light that it gives off."""
+
+
 class Looks:
     """The materials of a world, each painted once, on its first use, from (seed, name)."""
 
@@ -46,20 +51,24 @@ class Looks:
         """All that were used, in the order of their first use."""
         return tuple(self._materials)
 
-    def rng(self, name: str) -> np.random.Generator:
+    def rng(self, name: str) -> Rng:
         """The generator that paints `name`."""
         # by name: what is painted does not depend on what was painted before it (Python's own hash differs by run)
-        return np.random.default_rng([self.seed, crc32(name.encode())])
+        return Rng([self.seed, crc32(name.encode())])
 
-    def once(self, name: str, make: Callable[[np.random.Generator], "Piece"]) -> "Piece":
+    def once(self, name: str, make: Callable[[Rng], "Piece"]) -> "Piece":
         """A piece that is modelled once, from (seed, name), and copied from then on."""
         if name not in self._pieces:
             self._pieces[name] = make(self.rng(name))
         return self._pieces[name]
 
-    def known(self, name: str) -> Skin | None:
-        """The skin of a material that was added before."""
-        return self._skins.get(name)
+    def paint(self, name: str, make: Painter, roughness: float, tile_m: tuple[float, float] = (1.0, 1.0)) -> Skin:
+        """The skin of a texture that is painted on its first use, from (seed, name)."""
+        if name not in self._skins:
+            made = make(self.rng(name))
+            picture, glow = made if isinstance(made, tuple) else (made, None)
+            self.add(Material(name, picture, roughness, emission=glow), tile_m)
+        return self._skins[name]
 
     def add(self, material: Material, tile_m: tuple[float, float] = (1.0, 1.0)) -> Skin:
         """A material with its own texture."""
@@ -88,6 +97,13 @@ class Looks:
             at = ((column + 0.5) / CELLS, 1 - (row + 0.5) / CELLS)
             self._plain[key] = Skin(self._skins[name].material, at=at)
         return self._plain[key]
+
+
+def painted(
+    name: str, roughness: float, tile_m: tuple[float, float] = (1.0, 1.0)
+) -> Callable[[Painter], Callable[[Looks], Skin]]:
+    """Make a painter the function that gives its skin in a world."""
+    return lambda make: wraps(make)(lambda looks: looks.paint(name, make, roughness, tile_m))
 
 
 @dataclass(frozen=True)

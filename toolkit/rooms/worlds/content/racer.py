@@ -1,7 +1,6 @@
 """An open-wheel racing car in the manner of a die-cast toy: 270 mm long, nose to +x."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -9,7 +8,7 @@ from toolkit.objects.mesh import Mesh
 from toolkit.rooms.worlds.content import liveries as livery
 from toolkit.rooms.worlds.content.liveries import BLACK, CARBON, NAVY, RED, RUBBER, WHITE, YELLOW, panel
 from toolkit.rooms.worlds.content.modelling import (
-    Part,
+    Parts,
     assemble,
     bend_circle,
     box,
@@ -17,8 +16,8 @@ from toolkit.rooms.worlds.content.modelling import (
     extrude,
     fan,
     loft,
-    outward,
     revolve,
+    slab,
     smooth_curve,
     superellipse,
     surface,
@@ -47,16 +46,18 @@ COCKPIT_X, COCKPIT_LENGTH, COCKPIT_HALF_WIDTH = 60.0, 38.0, 14.5
 
 def build() -> Mesh:
     """The car with its livery; z = 0 is the table under the tyres."""
-    body = [*_tub(), *_sidepods(), *_floor(), *_cockpit(), *_driver(), *_headrest(), *_mirrors()]
-    parts = [*body, *_gearbox(), *_suspension(), *_wheels(), *_front_wing(), *_rear_wing()]
+    body = Parts(_tub(), _sidepods(), _floor(), _cockpit(), _driver(), _headrest(), _mirrors())
+    parts = Parts(body, _gearbox(), _suspension(), _wheels(), _front_wing(), _rear_wing())
     return assemble(parts, MATERIALS, atlas_px=2048)
 
 
-def _tub() -> list[Part]:
+def _tub() -> Parts:
     ends = COCKPIT_X + COCKPIT_LENGTH / 2 * np.cos(np.linspace(0, np.pi, 25))
     stations = np.unique(np.r_[np.linspace(-106, 130, 66), np.linspace(130, 135, 7), ends])
     net = np.stack([_tub_section(x) for x in stations])
-    return [panel(net, livery.paint_body), fan(net[-1, :-1], livery.TRIM), fan(net[0, :-1][::-1], CARBON, "carbon")]
+    return Parts(
+        panel(net, livery.paint_body), fan(net[-1, :-1], livery.TRIM), fan(net[0, :-1][::-1], CARBON, "carbon")
+    )
 
 
 def _closed(sections: list[np.ndarray] | tuple[np.ndarray, ...]) -> np.ndarray:
@@ -77,7 +78,7 @@ def _tub_section(x: float, count: int = 65) -> np.ndarray:
     return np.stack([np.full(count, x), y, z], axis=1)
 
 
-def _cockpit() -> list[Part]:
+def _cockpit() -> Parts:
     # the left rim of the opening from back to front
     stations = COCKPIT_X - COCKPIT_LENGTH / 2 * np.cos(np.linspace(0, np.pi, 40))
     left = np.array([_tub_section(x)[-1] for x in stations])
@@ -86,24 +87,24 @@ def _cockpit() -> list[Part]:
     depth = 20 * left[:, 1:2] / COCKPIT_HALF_WIDTH * (1 - across**4)
     well = np.stack([np.broadcast_to(left[:, :1], depth.shape), across * left[:, 1:2], left[:, 2:] - depth], axis=2)
     steering = 6.2 * np.array([(np.cos(a), np.sin(a), 0) for a in np.linspace(0, 2 * np.pi, 25)])
-    return [
+    return Parts(
         surface(well, INSIDE, "carbon").flipped(),  # seen from above
-        *tube(np.concatenate([left, right[::-1][1:]]), 0.9, 8, BLACK, "carbon"),
-        *_windscreen(left[left[:, 0] >= COCKPIT_X - 2]),
-        *(part.rotated("y", -62).moved(70, 0, 34) for part in tube(steering, 0.9, 8, BLACK, "rubber")),
-    ]
+        tube(np.concatenate([left, right[::-1][1:]]), 0.9, 8, BLACK, "carbon"),
+        _windscreen(left[left[:, 0] >= COCKPIT_X - 2]),
+        tube(steering, 0.9, 8, BLACK, "rubber").rotated("y", -62).moved(70, 0, 34),
+    )
 
 
-def _windscreen(left: np.ndarray) -> list[Part]:
+def _windscreen(left: np.ndarray) -> Parts:
     foot = np.concatenate([left, (left * [1, -1, 1])[::-1][1:]])
     rise = np.sin(np.linspace(0, np.pi, len(foot)))[:, None] ** 0.6
     top = foot + np.array([-6.0, 0, 8.5]) * rise
     outside, inside = np.array([0.3, 0, 0]), np.array([-0.5, 0, 0])
     skins = foot + outside, top + outside, top + inside, foot + inside
-    return outward(loft([np.stack(row) for row in zip(*skins, strict=True)], GLASS, "glass"))
+    return loft([np.stack(row) for row in zip(*skins, strict=True)], GLASS, "glass").outward()
 
 
-def _driver() -> list[Part]:
+def _driver() -> Parts:
     at = (54.5, 0, 49)
     shell = _bulb(np.linspace(-90, 90, 25), np.linspace(0, 360, 41))
     visor = _bulb(np.linspace(-16, 18, 7), np.linspace(-72, 72, 25)) * [1.05, 1.05, 1]
@@ -111,7 +112,7 @@ def _driver() -> list[Part]:
         [superellipse(w, h, 2.4, 24, x, 0, 34) for x, w, h in [(46, 14, 6), (50, 24, 12), (56, 25, 13), (63, 16, 6)]],
         RED, "carbon",
     )  # fmt: skip
-    return [panel(shell, livery.paint_helmet).moved(*at), surface(visor, GLASS, "glass").moved(*at), *shoulders]
+    return Parts(panel(shell, livery.paint_helmet).moved(*at), surface(visor, GLASS, "glass").moved(*at), shoulders)
 
 
 def _bulb(tilts_deg: np.ndarray, azimuths_deg: np.ndarray) -> np.ndarray:
@@ -121,7 +122,7 @@ def _bulb(tilts_deg: np.ndarray, azimuths_deg: np.ndarray) -> np.ndarray:
     return np.stack([x, np.cos(tilt) * np.sin(angle) * 9.2, np.broadcast_to(np.sin(tilt) * 10.2, x.shape)], axis=2)
 
 
-def _headrest() -> list[Part]:
+def _headrest() -> Parts:
     table = [  # x, width, highest z, power
         (45, 25, 63, 3), (43.5, 27, 65, 3), (39, 24, 64.5, 2.8), (34, 17, 57, 2.5), (28, 8, 42.5, 2.2),
     ]  # fmt: skip
@@ -129,15 +130,15 @@ def _headrest() -> list[Part]:
     rows = zip(stations, curve(table)(stations), strict=True)
     sections = [superellipse(width, high - 37, power, 40, x, 0, (high + 37) / 2) for x, (width, high, power) in rows]
     arch = [(42, y, 39 + 28.5 * (1 - abs(y / 13) ** 3.2)) for y in np.linspace(-13, 13, 25)]
-    return [
+    return Parts(
         panel(_closed(sections), livery.paint_body), fan(sections[-1], BLACK, "carbon"), fan(sections[0][::-1], WHITE),
-        *tube(np.array(arch), 1.3, 10, METAL, "metal"),
-    ]  # fmt: skip
+        tube(np.array(arch), 1.3, 10, METAL, "metal"),
+    )  # fmt: skip
 
 
-def _sidepods() -> list[Part]:
+def _sidepods() -> Parts:
     stations = np.linspace(POD[0][0], POD[-1][0], 40)
-    parts = []
+    parts = Parts()
     for side in (1, -1):
         sections = [
             superellipse(outer - inner, high - low, power, 48, x, side * (inner + outer) / 2, (low + high) / 2)
@@ -147,32 +148,32 @@ def _sidepods() -> list[Part]:
         mouth, centre = sections[-1], sections[-1].mean(axis=0)
         lip, round_lip = (centre + (mouth - centre) * scale + [x, 0, 0] for scale, x in ((0.86, 0), (0.93, 1)))
         throat = centre + (mouth - centre) * 0.78 - [16, 0, 0]
-        parts += [
+        parts += Parts(
             panel(_closed(sections), livery.paint_body), surface(_closed([mouth, round_lip, lip]), WHITE),
             surface(_closed([lip, throat]), INSIDE, "carbon"),
             fan(throat, INSIDE, "carbon"), fan(sections[0][::-1], CARBON, "carbon"),
-        ]  # fmt: skip
+        )  # fmt: skip
         for y in (24, 29, 34, 39, 44):  # the radiator's grille
             parts += tube(np.array([(23, side * y, 8), (23, side * y, 37)]), 0.6, 6, METAL, "metal")
     return parts
 
 
-def _floor() -> list[Part]:
+def _floor() -> Parts:
     half = np.array([(-112, 30), (-74, 34), (-58, 50), (34, 50), (64, 22)])
     outline = np.concatenate([half * [1, -1], half[::-1]])
-    return [part.moved(z=3) for part in extrude(outline.tolist(), 3, 0.6, CARBON, "carbon")]
+    return extrude(outline.tolist(), 3, 0.6, CARBON, "carbon").moved(z=3)
 
 
-def _gearbox() -> list[Part]:
+def _gearbox() -> Parts:
     rings = [(-122, 11, 12), (-119, 15, 16), (-108, 19, 19), (-100, 22, 20)]
     case = loft([superellipse(width, height, 3, 24, x, 0, 19) for x, width, height in rings], METAL, "metal")
-    light = [part.moved(-123, 0, 19) for part in box((3, 7, 5), 0.8, (230, 30, 30), "glass")]
-    pipes = []
+    light = box((3, 7, 5), 0.8, (230, 30, 30), "glass").moved(-123, 0, 19)
+    pipes = Parts()
     for side in (1, -1):
         bends = np.array([(-84, 14, 30), (-98, 14, 33), (-112, 11, 35), (-122, 11, 36)]) * [1, side, 1]
         pipes += tube(smooth_curve(bends.tolist(), 14), 2.6, 14, (150, 140, 132), "metal")
         pipes += tube(np.array([(-122.1, side * 11, 36), (-122.4, side * 11, 36)]), 2.0, 14, BLACK, "carbon")
-    return [*case, *light, *pipes]
+    return Parts(case, light, pipes)
 
 
 def _airfoil(chord: float, thickness: float, camber: float, count: int = 14) -> np.ndarray:
@@ -184,7 +185,7 @@ def _airfoil(chord: float, thickness: float, camber: float, count: int = 14) -> 
     return np.concatenate([lower, upper[::-1][:-1]])
 
 
-def _wing(section: np.ndarray, span: float, pitch_deg: float, at: tuple[float, float], look: livery.Look) -> list[Part]:
+def _wing(section: np.ndarray, span: float, pitch_deg: float, at: tuple[float, float], look: livery.Look) -> Parts:
     """A wing of constant section, its trailing edge raised by the pitch, leading edge at (x, z)."""
     cosine, sine = np.cos(np.radians(pitch_deg)), np.sin(np.radians(pitch_deg))
     z = -section[:, 0] * sine + section[:, 1] * cosine + at[1]
@@ -192,54 +193,51 @@ def _wing(section: np.ndarray, span: float, pitch_deg: float, at: tuple[float, f
     stations = np.linspace(-span / 2, span / 2, 13)
     sections = [np.stack([x, np.full(len(x), y), z], 1) for y in stations]
     caps = [fan(sections[-1], RED), fan(sections[0][::-1], RED)]
-    return [panel(_closed(sections), look), *caps]
+    return Parts(panel(_closed(sections), look), caps)
 
 
-def _end_plate(
-    outline: Sequence[tuple[float, float]], y: float, paint: livery.Paint, thickness: float = 1.6
-) -> list[Part]:
-    """A fin from an (x, z) outline, counter-clockwise seen with x to the right; `y` is its middle."""
-    raised = extrude(outline, thickness, 0.4)
-    wall, top, bottom = (part.rotated("x", 90).moved(y=y + thickness / 2) for part in raised)
-    return [wall.painted(WHITE), top.painted(paint), bottom.painted(paint)]
+def _end_plate(outline: Sequence[tuple[float, float]], y: float, paint: livery.Paint) -> Parts:
+    """A white-edged fin, see `slab`."""
+    wall, *faces = slab(outline, 1.6, paint, "paint", y, 0.4)
+    return Parts(wall.painted(WHITE), *faces)
 
 
-def _front_wing() -> list[Part]:
+def _front_wing() -> Parts:
     look = livery.paint_wing(NAVY, "VELOX          VELOX", 125, 8, 120, from_behind=False)
     main = _wing(_airfoil(22, 3.2, 1.4), 125, 6, (131, 9), look)
     flap = _wing(_airfoil(9, 1.8, 0.7), 125, 24, (112, 13), livery.paint_plain)
-    plates = []
+    plates = Parts()
     outline = [(103, 4), (133, 4), (134, 9), (128, 17), (115, 24), (103, 24)]
     for side in (1, -1):
         plates += _end_plate(outline, side * 63.2, RED)
-    return [*main, *flap, *plates]
+    return Parts(main, flap, plates)
 
 
-def _rear_wing() -> list[Part]:
+def _rear_wing() -> Parts:
     look = livery.paint_wing(NAVY, "VELOX", 92, 13, -117, from_behind=True)
     main = _wing(_airfoil(25, 4.2, 2.2), 92, 10, (-104, 68), look)
     flap = _wing(_airfoil(12, 2.4, 1.0), 92, 34, (-125.5, 75.5), livery.paint_plain)
     outline = [(-135, 56), (-112, 54.5), (-101, 62), (-100, 72), (-106, 80), (-118, 85), (-135, 86)]
-    plates, posts = [], []
+    plates, posts = Parts(), Parts()
     for side in (1, -1):
         plates += _end_plate(outline, side * 46.5, livery.paint_lettering(RED, livery.NUMBER, WHITE, 17))
-        posts += _end_plate([(-120, 24), (-107, 24), (-108, 68), (-119, 70)], side * 5, CARBON, 1.6)
-    return [*main, *flap, *plates, *[replace(part, paint=CARBON, material="carbon") for part in posts]]
+        posts += _end_plate([(-120, 24), (-107, 24), (-108, 68), (-119, 70)], side * 5, CARBON)
+    return Parts(main, flap, plates, posts.painted(CARBON, "carbon"))
 
 
-def _mirrors() -> list[Part]:
-    parts = []
+def _mirrors() -> Parts:
+    parts = Parts()
     for side in (1, -1):
         rings = [(60, 9, 6), (62, 9, 6), (65, 6, 4), (66, 2, 1.5)]
         shell = loft([superellipse(width, height, 3, 20, x, side * 29, 45) for x, width, height in rings], RED)
         glass = fan(superellipse(8, 5, 3, 20, 59.9, side * 29, 45)[::-1], (150, 170, 190), "metal")
         stalk = tube(np.array([(63, side * 27, 44), (65, side * 20, 32)]), 0.8, 8, BLACK, "carbon")
-        parts += [*shell, glass, *stalk]
+        parts += Parts(shell, glass, stalk)
     return parts
 
 
-def _suspension() -> list[Part]:
-    bars = []
+def _suspension() -> Parts:
+    bars = Parts()
     for side in (1, -1):
         front = [
             ((91, 15, 25), (79, 46, 31)), ((66, 18, 28), (77, 46, 31)), ((92, 15, 11), (79, 46, 14)),
@@ -255,16 +253,16 @@ def _suspension() -> list[Part]:
     return bars
 
 
-def _wheels() -> list[Part]:
-    parts = []
+def _wheels() -> Parts:
+    parts = Parts()
     for x, y, radius, width in WHEELS:
-        wheel = [part.rotated("x", -90) for part in _wheel(radius, width)]  # its outer face, +z, to +y
-        parts += [part.moved(x, y, radius) for part in wheel]
-        parts += [part.rotated("z", 180).moved(x, -y, radius) for part in wheel]
+        wheel = _wheel(radius, width).rotated("x", -90)  # its outer face, +z, to +y
+        parts += wheel.moved(x, y, radius)
+        parts += wheel.rotated("z", 180).moved(x, -y, radius)
     return parts
 
 
-def _wheel(radius: float, width: float) -> list[Part]:
+def _wheel(radius: float, width: float) -> Parts:
     """A slick on a spoked rim about the z axis, outer face up."""
     h, rim = width / 2, radius * 0.64
     # tyre: tread, shoulder and lettered side wall; the inner side mirrors the outer one
@@ -278,10 +276,10 @@ def _wheel(radius: float, width: float) -> list[Part]:
     disc = revolve([(rim - 2.2, h - 7), (0, h - 7)], 48, BLACK, "carbon")
     back = revolve([(0, -h + 4), (rim, -h + 1)], 48, CARBON, "carbon")
     # spokes and hub before a dark disc
-    spokes = []
+    spokes = Parts()
     for k in range(6):
         outline = [(1.5, -2.2), (rim - 1.4, -1.3), (rim - 1.4, 1.3), (1.5, 2.2)]
-        spokes += [part.moved(z=h - 6.5).rotated("z", 60 * k) for part in extrude(outline, 3.6, 0.5, RIM, "metal")]
+        spokes += extrude(outline, 3.6, 0.5, RIM, "metal").moved(z=h - 6.5).rotated("z", 60 * k)
     profile = [(4.6, h - 6.5), (4.4, h - 2.6), (3.2, h - 2), (2, h - 2), (1.9, h - 0.4), (0, h - 0.2)]
     hub = revolve(profile, 24, METAL, "metal")
-    return [tread, outer, inner, barrel, disc, back, *spokes, hub]
+    return Parts(tread, outer, inner, barrel, disc, back, spokes, hub)

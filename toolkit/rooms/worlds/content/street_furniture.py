@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from toolkit.objects.mesh import Material
 from toolkit.rooms.worlds.content import pieces as kit
-from toolkit.rooms.worlds.content.drawing import Canvas, Colour
+from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Rng
 from toolkit.rooms.worlds.content.modelling import box as bevelled_box
 from toolkit.rooms.worlds.content.modelling import extrude, revolve, smooth_curve, tube
 from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
@@ -358,11 +357,12 @@ def flag(looks: Looks, tone: int) -> Piece:
 
 def sheet(name: str, looks: Looks, canvas: Canvas, glow: float = 0.0) -> Skin:
     """The skin of a drawn sign; `glow` is the share that it gives off in the evening."""
-    if found := looks.known(name):
-        return found
-    picture = canvas.texture(0.03, looks.rng(name))
-    emission = (picture[::2, ::2] * glow).astype(np.uint8) if glow else None
-    return looks.add(Material(name, picture, 0.5, 0.0, emission))
+
+    def paint(rng: Rng) -> tuple[np.ndarray, np.ndarray | None]:
+        picture = canvas.texture(0.03, rng)
+        return picture, (picture[::2, ::2] * glow).astype(np.uint8) if glow else None
+
+    return looks.paint(name, paint, 0.5)
 
 
 def board(
@@ -461,10 +461,6 @@ def _outline(kind: str) -> np.ndarray:
 
 def _traffic_sign(kind: str, looks: Looks) -> tuple[float, float, Skin]:
     size = {"one-way": (0.9, 0.9), "no-parking": (0.5, 0.5)}.get(kind, (0.78, 0.78))
-    # a sign is painted once for each world
-    found = looks.known(f"sign-{kind}")
-    if found:
-        return *size, found
     # the canvas reaches from -1 to 1 in both directions
     c = Canvas(2, 2, 64, WHITE, low=(-1, -1))
     red, black, blue = (196, 22, 30), (20, 20, 22), (20, 82, 170)
@@ -524,8 +520,6 @@ def billboard_skin(index: int, looks: Looks) -> Skin:
     """An advertisement, twice as wide as high."""
     words, ground, ink = BOARD_TEXTS[index % len(BOARD_TEXTS)]
     name = f"billboard-{words}"
-    if found := looks.known(name):
-        return found
     canvas, rng = Canvas(8, 4, 64, ground), looks.rng(name)
     for _ in range(5):
         canvas.disc(

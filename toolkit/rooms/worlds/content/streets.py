@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from toolkit.rooms.worlds.content.countryside import shrub, street_tree
+from toolkit.rooms.worlds.content.drawing import Rng
 from toolkit.rooms.worlds.content.pieces import UNIT, Looks, Piece, Skin, bars, floor_quads, merge, place, quads
 from toolkit.rooms.worlds.content.street_furniture import (
     FURNITURE,
@@ -174,7 +175,7 @@ class Plan:
         return all(np.hypot(point[0] - x, point[1] - y) > radius + r for x, y, r in self.reserved)
 
 
-def plan_city(rng: np.random.Generator, columns: int, rows: int, names: tuple[str, ...]) -> Plan:
+def plan_city(rng: Rng, columns: int, rows: int, names: tuple[str, ...]) -> Plan:
     """Lay out a grid of blocks of varying size; every third street is an avenue."""
     order = rng.permutation(len(names))
 
@@ -279,7 +280,7 @@ def _round_corner(slabs: Skin, stone: Skin, asphalt: Skin) -> Piece:
     return merge(quads(np.concatenate([face, top]), stone, PAVED), quads(disc, slabs, PAVED), quads(gap, asphalt, ROAD))
 
 
-def place_vehicles(plan: Plan, fleet: Fleet, rng: np.random.Generator) -> Piece:
+def place_vehicles(plan: Plan, fleet: Fleet, rng: Rng) -> Piece:
     """Parked along the kerbs, queueing and driving on the right."""
     # by make: each vehicle's mesh is copied once for all its places
     at: dict[int, list[tuple[float, float, float]]] = defaultdict(list)
@@ -330,7 +331,7 @@ def place_vehicles(plan: Plan, fleet: Fleet, rng: np.random.Generator) -> Piece:
     return merge(*pieces)
 
 
-def furnish_streets(plan: Plan, looks: Looks, rng: np.random.Generator) -> Piece:
+def furnish_streets(plan: Plan, looks: Looks, rng: Rng) -> Piece:
     """Everything on the pavements."""
     standing: Standing = defaultdict(list)
     for stretch in plan.both_ways():
@@ -371,7 +372,7 @@ def build_standing(standing: Standing, looks: Looks) -> Piece:
     return merge(*pieces)
 
 
-def _line_kerb(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.Generator) -> None:
+def _line_kerb(plan: Plan, stretch: Stretch, standing: Standing, rng: Rng) -> None:
     right = stretch.street.half + 0.75
     kinds, shares = list(KERB_SIDE), np.array(list(KERB_SIDE.values()))
     shares = shares / shares.sum()
@@ -401,7 +402,7 @@ def _line_kerb(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.
             standing["shelter"].append((*point, KERB_M, stretch.yaw_deg - 180))
 
 
-def _line_wall(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.Generator) -> None:
+def _line_wall(plan: Plan, stretch: Stretch, standing: Standing, rng: Rng) -> None:
     right = stretch.street.half + PAVEMENT_M - 0.75
     kinds, shares = list(WALL_SIDE), np.array(list(WALL_SIDE.values()))
     along = CROSSING_M + rng.uniform(4, 10)
@@ -418,7 +419,7 @@ def _line_wall(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.
         along += rng.uniform(5, 13)
 
 
-def _signal(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.Generator) -> None:
+def _signal(plan: Plan, stretch: Stretch, standing: Standing, rng: Rng) -> None:
     """At the far right corner of the junction ahead: a signal over the road, or a stop sign before it."""
     inner = (plan.north[0].at, plan.north[-1].at, plan.east[0].at, plan.east[-1].at)
     beyond = stretch.point(stretch.length + 2 * stretch.across.half + 1.0, stretch.street.half + 1.0)

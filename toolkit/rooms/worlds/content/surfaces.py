@@ -6,9 +6,19 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from toolkit.objects.mesh import Material
-from toolkit.rooms.worlds.content.drawing import Canvas, Colour, finish, flat, fractal, grain, hex_name, noise, stains
-from toolkit.rooms.worlds.content.pieces import Looks, Skin
+from toolkit.rooms.worlds.content.drawing import (
+    Canvas,
+    Colour,
+    Rng,
+    finish,
+    flat,
+    fractal,
+    grain,
+    hex_name,
+    noise,
+    stains,
+)
+from toolkit.rooms.worlds.content.pieces import Looks, Skin, painted
 
 SIDE_PX = 512
 SQUARE = (SIDE_PX, SIDE_PX)
@@ -39,9 +49,7 @@ TRACKS_M = (-2.4, -0.96, 0.96, 2.4)
 """Places of the tram's rails, from the middle of an avenue."""
 
 
-def _masonry(
-    rng: np.random.Generator, colour: Colour, rows: int, columns: int, *, joint_px: float, spread: float
-) -> np.ndarray:
+def _masonry(rng: Rng, colour: Colour, rows: int, columns: int, *, joint_px: float, spread: float) -> np.ndarray:
     """(n, n, 3) courses of blocks, every second course set off by half, each block of another shade."""
     n = SIDE_PX
     y, x = np.mgrid[0:n, 0:n].astype(np.float32) + 0.5
@@ -64,14 +72,14 @@ def _masonry(
     return (colours * lit * joint + mortar * (1 - joint)).astype(np.float32)
 
 
-def paint_brick(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_brick(rng: Rng, colour: Colour) -> np.ndarray:
     """Brickwork, 2.88 m square."""
     bricks = _masonry(rng, colour, 38, 12, joint_px=2.2, spread=0.11)
     shape = bricks.shape[:2]
     return finish(bricks * stains(rng, shape, 0.1) + grain(rng, shape, 5))
 
 
-def paint_ashlar(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_ashlar(rng: Rng, colour: Colour) -> np.ndarray:
     """Dressed stone in courses of 45 cm, 3.6 m square."""
     stone = _masonry(rng, colour, 8, 5, joint_px=3.0, spread=0.045)
     shape = stone.shape[:2]
@@ -79,13 +87,13 @@ def paint_ashlar(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     return finish(weathered + grain(rng, shape, 4))
 
 
-def paint_render(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_render(rng: Rng, colour: Colour) -> np.ndarray:
     """Painted stucco with rain streaks, 4 m square."""
     wall = flat(SQUARE, colour) * stains(rng, SQUARE, 0.12) * (1 + 0.03 * fractal(rng, SQUARE, 40, 4))[..., None]
     return finish(wall + grain(rng, SQUARE, 3))
 
 
-def paint_concrete(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_concrete(rng: Rng, colour: Colour) -> np.ndarray:
     """Board-marked concrete panels with tie holes, 4 m square."""
     wall = flat(SQUARE, colour) * stains(rng, SQUARE, 0.2) * (1 + 0.05 * fractal(rng, SQUARE, 16, 5))[..., None]
     wall[:4] *= 0.62
@@ -97,7 +105,7 @@ def paint_concrete(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     return finish(wall + grain(rng, SQUARE, 4))
 
 
-def paint_cladding(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_cladding(rng: Rng, colour: Colour) -> np.ndarray:
     """Ribbed sheet metal with rust runs, 3 m square."""
     x = np.arange(SIDE_PX)
     rib = 1 + 0.16 * np.sign(np.sin(2 * np.pi * x * 16 / SIDE_PX)) * np.abs(np.sin(2 * np.pi * x * 16 / SIDE_PX)) ** 0.3
@@ -107,7 +115,7 @@ def paint_cladding(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     return finish(wall * (1 - rust) + np.array((120, 72, 44)) * rust + grain(rng, SQUARE, 3))
 
 
-def paint_roofing(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_roofing(rng: Rng, colour: Colour) -> np.ndarray:
     """Roofing felt or gravel with seams, patches and puddle rims, 6 m square."""
     roof = flat(SQUARE, colour) * (1 + 0.1 * fractal(rng, SQUARE, 4, 5))[..., None] + grain(rng, SQUARE, 9)
     for row in range(0, SIDE_PX, 128):
@@ -120,7 +128,7 @@ def paint_roofing(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     return finish(roof * (1 - 0.12 * puddle[..., None]))
 
 
-def paint_tiles(rng: np.random.Generator, colour: Colour) -> np.ndarray:
+def paint_tiles(rng: Rng, colour: Colour) -> np.ndarray:
     """Roof tiles in courses of 30 cm, 3 m square."""
     tiles = _masonry(rng, colour, 10, 14, joint_px=1.2, spread=0.1)
     y = (np.arange(SIDE_PX) * 10 / SIDE_PX) % 1
@@ -128,7 +136,7 @@ def paint_tiles(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     return finish(tiles * (1.12 - 0.36 * y**3)[:, None, None] * stains(rng, shape, 0.14) + grain(rng, shape, 4))
 
 
-PAINTERS: dict[str, tuple[Callable[[np.random.Generator, Colour], np.ndarray], float, float]] = {
+PAINTERS: dict[str, tuple[Callable[[Rng, Colour], np.ndarray], float, float]] = {
     "brick": (paint_brick, 2.88, 0.9), "ashlar": (paint_ashlar, 3.6, 0.85), "render": (paint_render, 4.0, 0.9),
     "concrete": (paint_concrete, 4.0, 0.9), "cladding": (paint_cladding, 3.0, 0.5),
     "roofing": (paint_roofing, 6.0, 0.95), "tiles": (paint_tiles, 3.0, 0.8),
@@ -137,11 +145,8 @@ PAINTERS: dict[str, tuple[Callable[[np.random.Generator, Colour], np.ndarray], f
 
 def wall(looks: Looks, kind: str, colour: Colour) -> Skin:
     """The skin of a wall or roof of a kind and colour."""
-    name = f"{kind}-{hex_name(colour)}"
-    if found := looks.known(name):
-        return found
     paint, tile_m, roughness = PAINTERS[kind]
-    return looks.add(Material(name, paint(looks.rng(name), colour), roughness), (tile_m, tile_m))
+    return looks.paint(f"{kind}-{hex_name(colour)}", lambda rng: paint(rng, colour), roughness, (tile_m, tile_m))
 
 
 @dataclass(frozen=True)
@@ -177,19 +182,17 @@ STYLES = {
 
 def pane_sheet(looks: Looks, style: str) -> Skin:
     """The skin of a sheet of `COLUMNS` by `ROWS` panes; see `pane_uv`."""
-    name = f"window-{style}"
-    if found := looks.known(name):
-        return found
-    rng, made = looks.rng(name), STYLES[style]
-    cells = [_paint_pane(made, rng) for _ in range(COLUMNS * ROWS)]
-    sheet, glow = (
-        np.concatenate([np.concatenate([c[k] for c in cells[r * COLUMNS : (r + 1) * COLUMNS]], 1) for r in range(ROWS)])
-        for k in (0, 1)
-    )
-    return looks.add(Material(name, sheet, 0.12, 0.0, glow))
+
+    def paint(rng: Rng) -> tuple[np.ndarray, np.ndarray]:
+        cells = [_paint_pane(STYLES[style], rng) for _ in range(COLUMNS * ROWS)]
+        rows = [cells[r * COLUMNS : (r + 1) * COLUMNS] for r in range(ROWS)]
+        day, glow = (np.concatenate([np.concatenate([c[k] for c in row], 1) for row in rows]) for k in (0, 1))
+        return day, glow
+
+    return looks.paint(f"window-{style}", paint, 0.12)
 
 
-def pane_uv(rng: np.random.Generator, count: int, mirror: bool = False) -> np.ndarray:
+def pane_uv(rng: Rng, count: int, mirror: bool = False) -> np.ndarray:
     """(n, 4, 2) corners of a pane chosen for each of n windows."""
     cell = rng.integers(0, COLUMNS * ROWS, count)
     column, row = cell % COLUMNS, cell // COLUMNS
@@ -202,7 +205,7 @@ def pane_uv(rng: np.random.Generator, count: int, mirror: bool = False) -> np.nd
     return np.stack([np.stack([x0, x1, x1, x0], 1), np.stack([y0, y0, y1, y1], 1)], 2)
 
 
-def _paint_pane(style: PaneStyle, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _paint_pane(style: PaneStyle, rng: Rng) -> tuple[np.ndarray, np.ndarray]:
     """A window by day, and the light it gives off in the evening."""
     width, height = style.size_m
     px_per_m = 96 / max(width, 1.0)
@@ -230,7 +233,7 @@ def _paint_pane(style: PaneStyle, rng: np.random.Generator) -> tuple[np.ndarray,
     return finish(day), finish(small)
 
 
-def _glass(style: PaneStyle, rng: np.random.Generator, w: int, h: int) -> np.ndarray:
+def _glass(style: PaneStyle, rng: Rng, w: int, h: int) -> np.ndarray:
     """The pane's reflection: sky above, the other side of the street below, and a dark room behind."""
     up = np.linspace(1, 0, h, dtype=np.float32)[:, None, None]
     dark = np.array((38, 42, 46), np.float32) * rng.uniform(0.7, 1.3)
@@ -243,7 +246,7 @@ def _glass(style: PaneStyle, rng: np.random.Generator, w: int, h: int) -> np.nda
     return (dark * (1 - share) + sky * share) * wavy
 
 
-def _hang(style: PaneStyle, rng: np.random.Generator, day: np.ndarray, glow: np.ndarray) -> None:
+def _hang(style: PaneStyle, rng: Rng, day: np.ndarray, glow: np.ndarray) -> None:
     h, w = day.shape[:2]
     cloth = np.array(
         [(214, 208, 196), (196, 182, 158), (168, 120, 104), (126, 140, 160), (224, 222, 218)][rng.integers(5)], float
@@ -302,7 +305,7 @@ def _frame(style: PaneStyle, canvas: Canvas) -> np.ndarray:
     return mask
 
 
-def _asphalt(rng: np.random.Generator, shape: tuple[int, int], px_per_m: float) -> np.ndarray:
+def _asphalt(rng: Rng, shape: tuple[int, int], px_per_m: float) -> np.ndarray:
     base = flat(shape, (92, 92, 94)) * (1 + 0.06 * fractal(rng, shape, 4, 6))[..., None]
     for _ in range(4):
         h, w = (rng.uniform(0.6, 3.2, 2) * px_per_m).astype(int)
@@ -337,11 +340,14 @@ def _manhole(road: np.ndarray, x: float, y: float, radius: float) -> None:
 
 def road(looks: Looks, avenue: bool) -> Skin:
     """A carriageway as wide as the texture, as long as it is wide: u across, v along."""
+    width = AVENUE_M if avenue else STREET_M
     name = "avenue" if avenue else "street"
-    if found := looks.known(name):
-        return found
+    return looks.paint(name, lambda rng: _paint_road(rng, avenue, width), 0.85, (width, width))
+
+
+def _paint_road(rng: Rng, avenue: bool, width: float) -> np.ndarray:
     # asphalt, darker where wheels run
-    rng, width, n = looks.rng(name), AVENUE_M if avenue else STREET_M, 1024
+    n = 1024
     px = n / width
     base = _asphalt(rng, (n, n), px)
     worn = np.clip(0.86 + 0.3 * fractal(rng, (n, n), 10, 4), 0.25, 0.95).astype(np.float32)
@@ -375,7 +381,7 @@ def road(looks: Looks, avenue: bool) -> Skin:
     _manhole(base, n * 0.7, n * 0.2, 0.3 * px)
     gutter = np.clip(1 - np.minimum(np.arange(n), np.arange(n)[::-1]) / (0.35 * px), 0, 1)
     base *= (1 - 0.28 * gutter)[None, :, None].astype(np.float32)
-    return looks.add(Material(name, finish(base), 0.85), (width, width))
+    return finish(base)
 
 
 def _tram_tracks(base: np.ndarray, px: float) -> None:
@@ -391,11 +397,11 @@ def _tram_tracks(base: np.ndarray, px: float) -> None:
 
 def crossing(looks: Looks, avenue: bool) -> Skin:
     """A zebra crossing over a carriageway with a stop line on its lower edge's far side; fitted."""
-    name = "zebra-avenue" if avenue else "zebra"
-    if found := looks.known(name):
-        return found
-    rng, width = looks.rng(name), AVENUE_M if avenue else STREET_M
-    shape = (360, 1040)
+    return looks.paint("zebra-avenue" if avenue else "zebra", lambda rng: _paint_crossing(rng, avenue), 0.85)
+
+
+def _paint_crossing(rng: Rng, avenue: bool) -> np.ndarray:
+    width, shape = AVENUE_M if avenue else STREET_M, (360, 1040)
     px = shape[1] / width
     base = _asphalt(rng, shape, px)
     worn = np.clip(0.85 + 0.35 * fractal(rng, shape, 12, 4), 0.2, 0.97).astype(np.float32)
@@ -407,23 +413,20 @@ def crossing(looks: Looks, avenue: bool) -> Skin:
     _mark(base, (0.5, 1 - PARKING_M / width), (0.86, 0.95), WHITE_PAINT, worn)
     if avenue:
         _tram_tracks(base, px)
-    return looks.add(Material(name, finish(base), 0.85))
+    return finish(base)
 
 
-def junction(looks: Looks) -> Skin:
+@painted("junction", 0.85, (JUNCTION_TILE_M, JUNCTION_TILE_M))
+def junction(rng: Rng) -> np.ndarray:
     """Plain asphalt where streets meet."""
-    if found := looks.known("junction"):
-        return found
-    rng, n = looks.rng("junction"), 896
+    n = 896
     base = _asphalt(rng, (n, n), n / JUNCTION_TILE_M)
     _manhole(base, 0.4 * n, 0.55 * n, 0.36 * n / JUNCTION_TILE_M)
     _manhole(base, 0.8 * n, 0.16 * n, 0.3 * n / JUNCTION_TILE_M)
-    return looks.add(Material("junction", finish(base), 0.85), (JUNCTION_TILE_M, JUNCTION_TILE_M))
+    return finish(base)
 
 
-def _slabs(
-    rng: np.random.Generator, colour: Colour, rows: int, columns: int, *, joint: int, spread: float
-) -> np.ndarray:
+def _slabs(rng: Rng, colour: Colour, rows: int, columns: int, *, joint: int, spread: float) -> np.ndarray:
     n = 512
     shade = rng.normal(1, spread, (rows, columns))
     y, x = np.mgrid[0:n, 0:n]
@@ -438,45 +441,42 @@ def _slabs(
     return base + grain(rng, (n, n), 5)
 
 
-def pavement(looks: Looks) -> Skin:
+@painted("pavement", 0.9, (3.6, 3.6))
+def pavement(rng: Rng) -> np.ndarray:
     """Concrete slabs with chewing gum and stains, 3.6 m square."""
-    if found := looks.known("pavement"):
-        return found
-    rng = looks.rng("pavement")
     base = _slabs(rng, (164, 160, 152), 4, 4, joint=2, spread=0.05)
     for x, y in rng.integers(0, 512, (60, 2)):
         cv2.circle(base, (int(x), int(y)), int(rng.integers(1, 4)), (104.0, 102.0, 98.0), -1, cv2.LINE_AA)
-    return looks.add(Material("pavement", finish(base), 0.9), (3.6, 3.6))
+    return finish(base)
 
 
-def plaza(looks: Looks) -> Skin:
+@painted("plaza", 0.85, (4.0, 4.0))
+def plaza(rng: Rng) -> np.ndarray:
     """Two-tone paving of a square, 4 m square."""
-    if found := looks.known("plaza"):
-        return found
-    rng = looks.rng("plaza")
     base = _slabs(rng, (176, 158, 138), 8, 8, joint=2, spread=0.06)
     base[:64] *= 0.74
     base[:, :64] *= 0.74
-    return looks.add(Material("plaza", finish(base), 0.85), (4.0, 4.0))
+    return finish(base)
 
 
-def kerb(looks: Looks) -> Skin:
+@painted("kerb", 0.85, (2.0, 1.0))
+def kerb(rng: Rng) -> np.ndarray:
     """Granite, 2 m long."""
-    if found := looks.known("kerb"):
-        return found
-    rng, shape = looks.rng("kerb"), (128, 256)
+    shape = (128, 256)
     base = flat(shape, (168, 166, 160)) * (1 + 0.08 * fractal(rng, shape, 16, 4))[..., None] + grain(rng, shape, 8)
     base[:, :3] *= 0.6
     base[:, 128:131] *= 0.6
-    return looks.add(Material("kerb", finish(base), 0.85), (2.0, 1.0))
+    return finish(base)
 
 
 def grass(looks: Looks, meadow: bool = False) -> Skin:
     """Turf: a lawn 6 m square, or a rough meadow 24 m square."""
     name, tile = ("meadow", 24.0) if meadow else ("lawn", 6.0)
-    if found := looks.known(name):
-        return found
-    rng, n = looks.rng(name), 1024 if meadow else 512
+    return looks.paint(name, lambda rng: _paint_grass(rng, meadow), 0.95, (tile, tile))
+
+
+def _paint_grass(rng: Rng, meadow: bool) -> np.ndarray:
+    n = 1024 if meadow else 512
     shape = (n, n)
     broad, fine = fractal(rng, shape, 3, 4), fractal(rng, shape, 48, 4)
     blade = noise(rng, shape, (n // 3, n // 5))
@@ -488,14 +488,13 @@ def grass(looks: Looks, meadow: bool = False) -> Skin:
         for x, y in rng.integers(0, n, (420, 2)):
             tone = ((236, 232, 220), (240, 206, 60), (200, 120, 160))[int(rng.integers(3))]
             cv2.circle(base, (int(x), int(y)), 1, tuple(float(c) for c in tone), -1)
-    return looks.add(Material(name, finish(base), 0.95), (tile, tile))
+    return finish(base)
 
 
-def concrete_apron(looks: Looks) -> Skin:
+@painted("apron", 0.9, (15.0, 15.0))
+def concrete_apron(rng: Rng) -> np.ndarray:
     """An airfield's slabs with sealed joints, rubber and oil, 15 m square (four slabs)."""
-    if found := looks.known("apron"):
-        return found
-    rng, n = looks.rng("apron"), 1024
+    n = 1024
     shape = (n, n)
     base = flat(shape, (168, 166, 158)) * (1 + 0.05 * fractal(rng, shape, 4, 6))[..., None]
     # four slabs, each of its own tone, with dark joints
@@ -509,18 +508,16 @@ def concrete_apron(looks: Looks) -> Skin:
     oil = np.clip(fractal(rng, shape, 6, 4) - 0.85, 0, 1)[..., None]
     rubber = np.clip(noise(rng, shape, (90, 3)) - 0.7, 0, 1)[..., None]
     base = base * (1 - 0.5 * oil) * (1 - 0.35 * rubber) + grain(rng, shape, 4)
-    return looks.add(Material("apron", finish(base), 0.9), (15.0, 15.0))
+    return finish(base)
 
 
-def water(looks: Looks) -> Skin:
+@painted("water", 0.1, (20.0, 20.0))
+def water(rng: Rng) -> np.ndarray:
     """Harbour water with ripples and reflections, 20 m square."""
-    if found := looks.known("water"):
-        return found
-    rng, n = looks.rng("water"), 1024
-    shape = (n, n)
+    shape = (1024, 1024)
     wave = fractal(rng, shape, 8, 6, 0.72)
     slope = wave - np.roll(wave, 3, axis=0)
     base = flat(shape, (42, 74, 82)) * (1 + 0.18 * wave)[..., None]
     glint = np.clip(slope * 2.2, 0, 1)[..., None]
     base = base * (1 - glint) + np.array((150, 178, 190), np.float32) * glint
-    return looks.add(Material("water", finish(base), 0.1), (20.0, 20.0))
+    return finish(base)

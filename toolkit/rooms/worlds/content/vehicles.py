@@ -11,7 +11,7 @@ import numpy as np
 
 from toolkit.objects.mesh import Material, mesh_from_corners
 from toolkit.rooms.worlds.content import pieces as kit
-from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Point, hex_name, shade
+from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Point, Rng, hex_name, shade
 from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
 from toolkit.rooms.worlds.world import SceneClass
 
@@ -259,9 +259,6 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
 
 
 def _rim(looks: Looks, hub: Colour, spokes: int) -> Skin:
-    name = f"rim-{hex_name(hub)}-{spokes}"
-    if found := looks.known(name):
-        return found
     canvas = Canvas(2, 2, 32, (26, 26, 28), low=(-1, -1))
     canvas.disc(0, 0, 0.92, hub)
     canvas.disc(0, 0, 0.8, (34, 34, 36))
@@ -272,7 +269,7 @@ def _rim(looks: Looks, hub: Colour, spokes: int) -> Skin:
         canvas.fill([tuple(across * 1.3), tuple(out + across), tuple(out - across), tuple(-across * 1.3)], hub)
     canvas.disc(0, 0, 0.26, hub)
     canvas.disc(0, 0, 0.12, (70, 72, 74))
-    return looks.add(Material(name, canvas.texture(), 0.35))
+    return looks.paint(f"rim-{hex_name(hub)}-{spokes}", lambda _: canvas.texture(), 0.35)
 
 
 GLASS, RUBBER = (38, 46, 54), (24, 24, 26)
@@ -413,7 +410,7 @@ def _car_glass(paint: VehiclePaint, pillars: tuple[float, ...]) -> None:
         )
 
 
-def car_ends(paint: VehiclePaint, rng: np.random.Generator) -> None:
+def car_ends(paint: VehiclePaint, rng: Rng) -> None:
     """Lamps, grille, bumpers, number plates, and what of them shows from the side."""
     body, w, half = paint.body, paint.body.width / 2, paint.body.length / 2
     # grille with bars, and the air intake below it
@@ -522,13 +519,9 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
 
 def word_skin(words: str, ground: Colour, ink: Colour, looks: Looks) -> Skin:
     """A lit word on a small board."""
-    name = f"word-{words}"
-    if found := looks.known(name):
-        return found
     canvas = Canvas(1.6, 0.4, 80, ground)
     canvas.text(0.8, 0.2, words, 0.36, ink, fit_m=1.4)
-    sheet = canvas.texture()
-    return looks.add(Material(name, sheet, 0.4, 0.0, sheet))
+    return looks.paint(f"word-{words}", lambda _: (canvas.texture(), canvas.texture()), 0.4)
 
 
 def van(colour: Colour, words: str, looks: Looks, name: str) -> Vehicle:

@@ -9,7 +9,7 @@ from toolkit.objects.mesh import Mesh
 from toolkit.rooms.worlds.content.drawing import Paint, Side
 from toolkit.rooms.worlds.content.liveries import STATIONS_MM, bands, draw_sides, petals, skin_paint
 from toolkit.rooms.worlds.content.modelling import (
-    Part,
+    Parts,
     assemble,
     bend_circle,
     box,
@@ -90,7 +90,7 @@ def body_section(x: float, count: int = 96) -> np.ndarray:
     )
 
 
-def build_fuselage(around: list[Side]) -> list[Part]:
+def build_fuselage(around: list[Side]) -> Parts:
     """A smooth skin from the radome to the engines."""
     stations = np.r_[
         np.linspace(TAIL_X, -20, 29)[:-1], np.linspace(-20, 20, 25)[:-1], np.linspace(20, 110, 24)[:-1],
@@ -99,10 +99,10 @@ def build_fuselage(around: list[Side]) -> list[Part]:
     net = np.stack([body_section(x) for x in stations])
     cuts = [0, *np.searchsorted(stations, (-30, 50)), len(net) - 1]  # charts that waste less of the atlas
     pieces = [net[low : high + 1] for low, high in pairwise(cuts)]
-    return [
+    return Parts(
         *(surface(piece, skin_paint(piece, around, STATIONS_MM)) for piece in pieces),
         fan(net[0, :-1][::-1], DUCT, "metal"), fan(net[-1, :-1], (60, 64, 68)),
-    ]  # fmt: skip
+    )  # fmt: skip
 
 
 def nacelle_section(x: float, grow: float, rake: float, count: int = 72) -> np.ndarray:
@@ -114,7 +114,7 @@ def nacelle_section(x: float, grow: float, rake: float, count: int = 72) -> np.n
     return np.stack([x + rake * z, middle + y, (top + bottom) / 2 + z], axis=1)
 
 
-def build_intake(side: int, around: list[Side]) -> list[Part]:
+def build_intake(side: int, around: list[Side]) -> Parts:
     """A raked box intake with a thin lip, and the dark duct in it."""
     lean = 0.42
     stations = np.linspace(INTAKE_BACK_X, 33.0, 22)
@@ -128,10 +128,10 @@ def build_intake(side: int, around: list[Side]) -> list[Part]:
     ])  # fmt: skip
     outer, inner = one_side(outer, side), one_side(inner, side)
     lip, duct = inner[:4], inner[3:]
-    return [
+    return Parts(
         surface(outer, skin_paint(outer, around, STATIONS_MM)),
         surface(lip, (70, 76, 83)), surface(duct, DUCT), fan(duct[-1, :-1], (12, 12, 13)),
-    ]  # fmt: skip
+    )  # fmt: skip
 
 
 CANOPY = curve([  # x, half width, sill z, top z
@@ -154,17 +154,17 @@ def canopy_net(
     return np.stack(net)
 
 
-def build_canopy(sides: dict[str, Side]) -> list[Part]:
+def build_canopy(sides: dict[str, Side]) -> Parts:
     """A tinted bubble with a windscreen bow, a rear bow, a sill frame and a painted tail fairing."""
     fairing = canopy_net(25, 37, 8, 0.12)
-    parts = [
+    parts = Parts(
         surface(canopy_net(25, 86, 36), GLASS, "glass"),
         surface(fairing, skin_paint(fairing, [sides["top"], sides["left"], sides["right"]])),
-    ]
+    )
     bows = [((72.0, 74.2), (0, 180), 4), ((49.6, 50.8), (0, 180), 3), ((36.6, 38.0), (0, 180), 3)]
     bows += [((37.0, 82.0), (0, 21), 24), ((37.0, 82.0), (159, 180), 24)]
     for (low, high), span, rows in bows:
-        parts.append(surface(raised(*(canopy_net(low, high, rows, grow, span) for grow in (0.45, -0.3))), FRAME))
+        parts += surface(raised(*(canopy_net(low, high, rows, grow, span) for grow in (0.45, -0.3))), FRAME)
     return parts
 
 
@@ -175,18 +175,18 @@ def raised(face: np.ndarray, floor: np.ndarray) -> np.ndarray:
     return np.concatenate([edge[:, :1], walled, edge[:, -1:]], axis=1)
 
 
-def blade(outline: Outline, thickness: float, paint: Paint = GREY) -> list[Part]:
+def blade(outline: Outline, thickness: float, paint: Paint = GREY) -> Parts:
     """An upright plate in the x-z plane, centred on y = 0, outline (x, z) counter-clockwise seen from the right."""
     plates = extrude(outline, thickness, thickness * 0.3, paint)
-    return [part.moved(z=-thickness / 2).rotated("x", 90) for part in plates]
+    return plates.moved(z=-thickness / 2).rotated("x", 90)
 
 
-def cross_of_fins(outline: Outline, thickness: float, paint: Paint = GREY, turn_deg: float = 45.0) -> list[Part]:
+def cross_of_fins(outline: Outline, thickness: float, paint: Paint = GREY, turn_deg: float = 45.0) -> Parts:
     """Four blades around the x axis."""
-    return [part.rotated("x", turn_deg + 90 * i) for i in range(4) for part in blade(outline, thickness, paint)]
+    return Parts(*(blade(outline, thickness, paint).rotated("x", turn_deg + 90 * i) for i in range(4)))
 
 
-def missile(length: float = 52.0, radius: float = 1.9) -> list[Part]:
+def missile(length: float = 52.0, radius: float = 1.9) -> Parts:
     """A heat-seeking missile along x, its middle at the origin: glass-domed nose, canards, tail fins, warhead bands."""
     h, r = length / 2, radius
     profile = [
@@ -194,104 +194,106 @@ def missile(length: float = 52.0, radius: float = 1.9) -> list[Part]:
     ]  # fmt: skip
     profile += [(0.0, h)]
     stripes = ((0.2, 0.23, BROWN), (0.66, 0.69, YELLOW), (0.9, 1.0, (44, 46, 50)))
-    parts = [revolve(profile, 20, bands(WHITE, *stripes)).rotated("y", 90)]
+    parts = Parts(revolve(profile, 20, bands(WHITE, *stripes)).rotated("y", 90))
     parts += cross_of_fins([(-h + 0.6, r * 0.7), (-h + 7.6, r * 0.7), (-h + 3.4, r + 4), (-h + 0.6, r + 4)], 0.5)
     parts += cross_of_fins([(h - 11, r * 0.7), (h - 6.5, r * 0.7), (h - 10, r + 3), (h - 11, r + 3)], 0.5, DARK_GREY)
     return parts
 
 
-def tank(length: float = 84.0, radius: float = 6.2) -> list[Part]:
+def tank(length: float = 84.0, radius: float = 6.2) -> Parts:
     """A drop tank along x, its middle at the origin."""
     along = np.linspace(-1, 1, 33)
     shape = radius * np.sqrt(np.maximum(1 - np.abs(along) ** 2.6, 0)) ** 1.15
-    parts = [revolve(
+    parts = Parts(revolve(
         list(zip(shape, along * length / 2, strict=True)),
         32,
         bands(GREY, (0.36, 0.365, DARK_GREY), (0.64, 0.645, DARK_GREY), (0.82, 0.85, RED), (0.85, 1, DARK_GREY)),
-    ).rotated("y", 90)]  # fmt: skip
+    ).rotated("y", 90))  # fmt: skip
     h = length / 2
-    return parts + cross_of_fins([(-h + 2, 1), (-h + 14, 3), (-h + 7, 8), (-h + 2, 8)], 0.7, GREY)[:9]
+    return Parts(parts, cross_of_fins([(-h + 2, 1), (-h + 14, 3), (-h + 7, 8), (-h + 2, 8)], 0.7, GREY)[:9])
 
 
-def build_stores() -> list[Part]:
+def build_stores() -> Parts:
     """Wing-tip missiles, drop tanks and missiles on pylons, the same on both sides."""
-    left = [part.moved(-52, 96.6, 6.2) for part in missile()]
-    left += [part.moved(-56, 94.9, 6.2) for part in box((34, 1.8, 2.0), 0.4, DARK_GREY)]
+    left = missile().moved(-52, 96.6, 6.2)
+    left += box((34, 1.8, 2.0), 0.4, DARK_GREY).moved(-56, 94.9, 6.2)
     pylon = [(-20, -4.4), (16, -4.4), (8, 4), (-24, 4)]
-    left += [part.moved(-16, 49, 3.6) for part in blade(pylon, 2.2, DARK_GREY)]
-    left += [part.moved(-16, 49, -6.4) for part in tank()]
-    left += [part.moved(-34, 73, 3.6) for part in blade([(-12, -4), (12, -4), (6, 3.4), (-15, 3.4)], 1.8, DARK_GREY)]
-    left += [part.moved(-34, 73, -2.6) for part in missile()]
-    return left + [part.mirrored() for part in left]
+    left += blade(pylon, 2.2, DARK_GREY).moved(-16, 49, 3.6)
+    left += tank().moved(-16, 49, -6.4)
+    left += blade([(-12, -4), (12, -4), (6, 3.4), (-15, 3.4)], 1.8, DARK_GREY).moved(-34, 73, 3.6)
+    left += missile().moved(-34, 73, -2.6)
+    return left.both_sides()
 
 
-def wheel(radius: float, width: float) -> list[Part]:
+def wheel(radius: float, width: float) -> Parts:
     """A tyre with a hub, its axle along y, centred on the origin."""
     w, r = width / 2, radius
     tyre = [(r * 0.58, -w * 0.92), (r * 0.86, -w), (r * 0.96, -w * 0.72), (r, -w * 0.3)]
     profile = tyre + [(radius_, -z) for radius_, z in reversed(tyre)]
-    parts = [revolve(profile, 40, TYRE, "rubber")]
+    parts = Parts(revolve(profile, 40, TYRE, "rubber"))
     disc = [(r * 0.58, w * 0.92), (r * 0.54, w * 0.6), (r * 0.3, w * 0.66), (r * 0.26, w * 1.02), (0.0, w * 1.02)]
     hub = revolve(disc, 40, WHITE)
-    parts += [hub, hub.mirrored("z")]
-    return [part.rotated("x", 90) for part in parts]
+    parts += Parts(hub, hub.mirrored("z"))
+    return parts.rotated("x", 90)
 
 
 def rod(
     start: Sequence[float], end: Sequence[float], radius: float, paint: Paint = WHITE, material: str = "paint"
-) -> list[Part]:
+) -> Parts:
     """A round bar between two points."""
     return tube(np.linspace(start, end, 3), radius, 16, paint, material)
 
 
-def main_gear() -> list[Part]:
+def main_gear() -> Parts:
     """The left main leg: oleo, drag brace, wheel and doors."""
     hub = np.array([-40.0, 27.0, GROUND_Z + 7.6])
-    parts = [part.moved(*hub) for part in wheel(7.6, 5.0)]
+    parts = wheel(7.6, 5.0).moved(*hub)
     parts += rod((-40, 22, -10), (-40, 22.6, -23), 1.7)
     parts += rod((-40, 22.6, -22), (-40, 22.9, hub[2] - 0.6), 1.15, STEEL, "metal")
     parts += rod((-40, 21.6, hub[2]), (-40, 26, hub[2]), 1.2, STEEL, "metal")
     parts += rod((-27, 21, -11), (-39.4, 22.4, -21), 0.9)
     parts += rod((-42, 22.5, -21), (-43.4, 22.7, -25), 0.6) + rod((-43.4, 22.7, -25), (-41, 22.8, -28.6), 0.6)
     door = blade([(-53, -24), (-27, -24), (-25, -12.6), (-53, -12.6)], 0.7, WHITE)
-    parts += [part.rotated("x", 8).moved(y=29.4) for part in door]
+    parts += door.rotated("x", 8).moved(y=29.4)
     inner = blade([(-52, -21), (-28, -21), (-26, -12.6), (-52, -12.6)], 0.7, WHITE)
-    return parts + [part.rotated("x", -6).moved(y=14.6) for part in inner]
+    return Parts(parts, inner.rotated("x", -6).moved(y=14.6))
 
 
-def nose_gear() -> list[Part]:
+def nose_gear() -> Parts:
     """The nose leg: oleo with a landing light, fork, wheel and doors on both sides."""
     x, axle = 66.0, GROUND_Z + 5.6
-    parts = [part.moved(x, 0, axle) for part in wheel(5.6, 3.6)]
+    parts = wheel(5.6, 3.6).moved(x, 0, axle)
     parts += rod((x + 1.5, 0, -10), (x + 0.6, 0, -22), 1.5) + rod((x + 0.6, 0, -21), (x, 0, -26), 1.05, STEEL, "metal")
-    parts += [part.moved(x, 0, -25.8) for part in box((2.4, 6.4, 1.4), 0.3, WHITE)]
+    parts += box((2.4, 6.4, 1.4), 0.3, WHITE).moved(x, 0, -25.8)
     for y in (2.7, -2.7):
         parts += rod((x, y, -25.6), (x, y, axle - 0.8), 0.65)
-    parts += [*rod((x, -3.0, axle), (x, 3.0, axle), 0.8, STEEL, "metal"), *rod((x + 11, 0, -12), (x + 1, 0, -20), 0.8)]
+    parts += Parts(
+        rod((x, -3.0, axle), (x, 3.0, axle), 0.8, STEEL, "metal"), rod((x + 11, 0, -12), (x + 1, 0, -20), 0.8)
+    )
     light = revolve([(0, -0.8), (1.2, -0.8), (1.6, 0.6), (0, 0.7)], 20, WHITE, "glass").rotated("y", 90)
-    parts += [light.moved(x + 2.8, 0, -17)]
+    parts += light.moved(x + 2.8, 0, -17)
     door = blade([(55, -21), (78, -21), (79, -12.4), (55, -12.4)], 0.6, WHITE)
     for side, lean in ((1, 10), (-1, -10)):
-        parts += [part.rotated("x", lean).moved(y=side * 1.9) for part in door]
+        parts += door.rotated("x", lean).moved(y=side * 1.9)
     return parts
 
 
-def build_gear() -> list[Part]:
+def build_gear() -> Parts:
     """Three legs whose wheels stand at `GROUND_Z`."""
     left = main_gear()
-    return left + [part.mirrored() for part in left] + nose_gear()
+    return Parts(left.both_sides(), nose_gear())
 
 
-def build_fittings() -> list[Part]:
+def build_fittings() -> Parts:
     """Pitot boom, air data probes, blade aerials, tail hook."""
     boom = np.array([(124.0, 0, -4.7), (128.0, 0, -4.7), (130.0, 0, -4.7), (135.0, 0, -4.7)])
     parts = tube(boom, [0.95, 0.8, 0.5, 0.32], 16, STEEL, "metal")
     for side in (1, -1):
         parts += rod((101, side * 8, -4.4), (101.6, side * 10.6, -5.0), 0.3, STEEL, "metal")
     aerial = [(0, -1.0), (5, -1.0), (1.6, 4.2), (0, 4.2)]
-    parts += [part.moved(92, 0, -16) for part in blade([(0, 4), (0, 0), (1.6, 0), (5, 4)], 0.7, DARK_GREY)]
-    parts += [part.moved(38, 0, -17.4) for part in blade([(0, 4), (0, 0), (1.6, 0), (5, 4)], 0.7, DARK_GREY)]
-    parts += [part.moved(-84, 0, 10.0) for part in blade(aerial, 0.7, DARK_GREY)]
+    parts += blade([(0, 4), (0, 0), (1.6, 0), (5, 4)], 0.7, DARK_GREY).moved(92, 0, -16)
+    parts += blade([(0, 4), (0, 0), (1.6, 0), (5, 4)], 0.7, DARK_GREY).moved(38, 0, -17.4)
+    parts += blade(aerial, 0.7, DARK_GREY).moved(-84, 0, 10.0)
     parts += rod((-70, 0, -9.5), (-104, 0, -7.5), 0.8, (40, 42, 44))
     return parts
 
@@ -304,14 +306,14 @@ def build() -> Mesh:
     """The aeroplane: nose to +x, millimetres, its wheels' lowest points at the same height."""
     sides = draw_sides()
     around = [sides[name] for name in ("top", "bottom", "left", "right")]
-    parts = [*build_fuselage(around), *build_canopy(sides), *build_tail_end()]
+    parts = Parts(build_fuselage(around), build_canopy(sides), build_tail_end())
     for side in (1, -1):
-        parts += [*build_intake(side, around), *build_boom(side, around), *build_surfaces(side, sides)]
+        parts += Parts(build_intake(side, around), build_boom(side, around), build_surfaces(side, sides))
     parts += build_stores() + build_gear() + build_fittings()
     return assemble(parts, MATERIALS, atlas_px=2048)
 
 
-def build_boom(side: int, around: list[Side]) -> list[Part]:
+def build_boom(side: int, around: list[Side]) -> Parts:
     """The beam outside an engine with the fin and the stabilator."""
     shape = curve([  # x, middle y, half width, half height, power
         (-44, 28.0, 3.0, 2.0, 3.0), (-58, 29.2, 4.4, 3.8, 3.2), (-72, 29.8, 5.0, 4.6, 3.4), (-112, 29.8, 4.4, 4.2, 3.2),
@@ -324,7 +326,7 @@ def build_boom(side: int, around: list[Side]) -> list[Part]:
         across, up = bend_circle(angle, power)
         rows.append(np.stack([np.full_like(angle, x), middle + across * half, 6.6 + up * tall], axis=1))
     net = one_side(np.stack(rows), side)
-    return [surface(net, skin_paint(net, around, (-72, -97, -112))), fan(net[0, :-1][::-1], (70, 76, 83))]
+    return Parts(surface(net, skin_paint(net, around, (-72, -97, -112))), fan(net[0, :-1][::-1], (70, 76, 83)))
 
 
 def foil(chord: float, thickness: float, count: int = 20) -> np.ndarray:
@@ -355,7 +357,7 @@ def wing_net(knots: list[tuple[float, ...]], per_mm: float = 0.3) -> np.ndarray:
     return np.stack(net)
 
 
-def build_surfaces(side: int, sides: dict[str, Side]) -> list[Part]:
+def build_surfaces(side: int, sides: dict[str, Side]) -> Parts:
     """Wing, stabilator and fin of a side."""
     flat = [sides["top"], sides["bottom"]]
     wing = wing_net([(24, 4, -66, 5.2), (34.0, 22.4, -66, 5.0), (94, -48, -67, 2.2)])
@@ -371,25 +373,25 @@ def build_surfaces(side: int, sides: dict[str, Side]) -> list[Part]:
     fin = np.stack(
         [x, 30.2 + np.sin(cant) * rise - np.cos(cant) * across, 8 + np.cos(cant) * rise + np.sin(cant) * across], -1
     )
-    parts = []
+    parts = Parts()
     for net, drawings in ((wing, flat), (stabilator, flat), (fin, [sides["fin_left"], sides["fin_right"]])):
         net = one_side(net, side)
-        parts += [surface(net, skin_paint(net, drawings)), fan(net[-1, :-1], (84, 92, 101))]
+        parts += Parts(surface(net, skin_paint(net, drawings)), fan(net[-1, :-1], (84, 92, 101)))
     return parts
 
 
-def build_tail_end() -> list[Part]:
+def build_tail_end() -> Parts:
     """Two afterburner nozzles with leaves, and the flame holders inside them."""
     outside = [(12.2, -3.0), (12.3, 0), (12.0, 3), (11.4, 7), (10.5, 11.5), (9.5, 16), (8.9, 18.6)]
     inside = [(8.9, 18.6), (8.4, 18.6), (8.8, 14), (9.4, 8), (9.6, 0.5)]
     holder = [(9.6, 0.5), (7.0, 0.6), (6.6, 1.4), (5.4, 1.4), (5.0, 0.6), (2.6, 0.6), (2.0, 2.6), (0.0, 3.4)]
     burnt = petals(18, (34, 33, 34), (126, 122, 118))
-    parts = []
+    parts = Parts()
     for y in (14.0, -14.0):
-        pieces = [
+        pieces = Parts(
             revolve(outside, 54, burnt, "metal"),
             revolve(inside, 54, petals(18, (20, 19, 19), (62, 58, 55)), "metal"),
             revolve(holder, 36, (46, 43, 41), "metal"),
-        ]
+        )
         parts += [piece.rotated("y", -90).moved(TAIL_X + 0.6, y, -1.0) for piece in pieces]
     return parts

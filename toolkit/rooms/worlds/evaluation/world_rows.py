@@ -1,7 +1,6 @@
 """From answers to numbers: shares with intervals over places, curves, paired tests, how much fog is seen through."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Any
 
@@ -32,32 +31,6 @@ AXES: dict[str, tuple[str, tuple[float, ...]]] = {
     "picture_share": ("share of the picture that the object covers", (0, 0.01, 0.02, 0.04, 0.08, 0.16, 1.01)),
 }
 """By name of a curve, its title and the edges of its bins."""
-
-
-@dataclass(frozen=True)
-class HalfLost:
-    """Visibility at which a variant loses half of its accuracy, in a kind of weather."""
-
-    variant: str  # variant, weather: names of the variant and of the kind of weather
-    weather: str
-    clear_top5: float  # share with the truth among five guesses in clear conditions
-    # at which half of that is left; None where more is left in the densest that was run, or nothing was recognised
-    visibility_m: float | None
-    visibility_ci95: tuple[float | None, float | None] | None  # None at its lower end: not reached
-    densest_m: float  # least visibility that was run
-    # how many times the extinction of `unpatched` at its own half this variant stands before its half is lost; a lower
-    # bound where `visibility_m` is None. None for `unpatched`, and where that has none.
-    times: float | None = None
-    times_ci95: tuple[float | None, float | None] | None = None  # infinite ends are None
-    times_is_bound: bool = False
-    # the same, up to where this variant is recognised as often as `unpatched` is at its half
-    same_times: float | None = None
-    same_times_ci95: tuple[float | None, float | None] | None = None  # likewise
-    same_is_bound: bool = False  # same_is_bound, times_is_bound: whether the number is a lower bound
-
-    def as_json(self) -> dict[str, Any]:
-        """An entry of `half_lost` of `summary.json`."""
-        return {key: list(part) if isinstance(part, tuple) else part for key, part in vars(self).items()}
 
 
 def find_level(extinctions: np.ndarray, shares: np.ndarray, levels: np.ndarray) -> np.ndarray:
@@ -100,8 +73,11 @@ def list_extinctions(ladder: list[tuple[str, int]]) -> np.ndarray:
 
 def measure_half(
     variant: str, kind: str, extinctions: np.ndarray, shares: np.ndarray, bare: np.ndarray | None
-) -> HalfLost:
-    """The half of a variant, alone and against the unmodified object.
+) -> dict[str, Any]:
+    """An entry of `half_lost` of `summary.json`: the half of a variant, alone and against the unmodified object.
+
+    `times` compares the extinctions at which each loses its own half. `same_times` goes up to where this variant is
+    recognised as often as the unmodified object is at its half. Both are None without anything to compare with.
 
     Args:
         extinctions: (m,) 1/m, clear air first.
@@ -111,39 +87,37 @@ def measure_half(
     own = find_level(extinctions, shares, HALF * shares[:, 0])
     # 0 where a level is not reached, infinite where nothing needs to be lost
     visible = np.array([0.0 if np.isinf(extinction) else find_visibility(float(extinction)) for extinction in own])
-    interval = percentile_interval(visible[1:]) if len(visible) > 1 else None
-    half = HalfLost(
-        variant, kind, float(shares[0, 0]), _finite(visible[0]),
-        None if interval is None else (_finite(interval[0]), _finite(interval[1])),
-        find_visibility(float(extinctions.max())),
-    )  # fmt: skip
-    if bare is None:
-        return half
-    reference = find_level(extinctions, bare, HALF * bare[:, 0])
-    # the unmodified object loses its half nowhere, or at once: there is nothing to compare with
-    if not np.isfinite(reference[0]) or reference[0] == 0:
-        return half
-    same = find_level(extinctions, shares, HALF * bare[:, 0])
     densest = float(extinctions.max())
-    return HalfLost(
-        **{**vars(half), **_compare("times", own, reference, densest), **_compare("same", same, reference, densest)}
-    )
+    half: dict[str, Any] = {
+        "variant": variant, "weather": kind, "clear_top5": float(shares[0, 0]), "visibility_m": _finite(visible[0]),
+        "visibility_ci95": _limits(visible), "densest_m": find_visibility(densest),
+    }  # fmt: skip
+    # the unmodified object loses its half nowhere, or at once: there is nothing to compare with
+    reference = None if bare is None else find_level(extinctions, bare, HALF * bare[:, 0])
+    if reference is not None and (not np.isfinite(reference[0]) or reference[0] == 0):
+        reference = None
+    same = own if bare is None else find_level(extinctions, shares, HALF * bare[:, 0])
+    return half | _compare("times", own, reference, densest) | _compare("same", same, reference, densest)
 
 
-def _compare(name: str, own: np.ndarray, reference: np.ndarray, densest: float) -> dict[str, Any]:
+def _limits(samples: np.ndarray) -> list[float | None] | None:
+    """The 95 % interval of bootstrap samples, which follow what was seen; an end that is not reached is None."""
+    interval = percentile_interval(samples[1:]) if len(samples) > 1 else None
+    return interval and [_finite(end) for end in interval]
+
+
+def _compare(name: str, own: np.ndarray, reference: np.ndarray | None, densest: float) -> dict[str, Any]:
+    key = "times" if name == "times" else "same_times"
+    if reference is None:
+        return {key: None, f"{key}_ci95": None, f"{name}_is_bound": False}
     with np.errstate(divide="ignore", invalid="ignore"):
         # a quotient of extinctions: how much denser the fog may be
         times = own / reference
     is_bound = bool(np.isinf(own[0]))
     # not lost even in the densest fog: at least so many times
     value = densest / reference[0] if is_bound else times[0]
-    interval = percentile_interval(times[1:]) if len(times) > 1 else None
-    key = "times" if name == "times" else "same_times"
-    return {
-        key: None if np.isnan(value) else float(value),
-        f"{key}_ci95": None if interval is None else (_finite(interval[0]), _finite(interval[1])),
-        f"{name}_is_bound": is_bound,
-    }
+    shown = None if np.isnan(value) else float(value)
+    return {key: shown, f"{key}_ci95": _limits(times), f"{name}_is_bound": is_bound}
 
 
 def _finite(value: float) -> float | None:
@@ -161,7 +135,7 @@ def summarise(results: WorldResults) -> dict[str, Any]:
         "groups": list(_each_group(results, sampler, everywhere)),
         "groups_in_view": list(_each_group(results, sampler, in_view)),
         "pairs": list(_each_pair(results, sampler)),
-        "half_lost": [half_loss.as_json() for half_loss in measure_halves(results, sampler)],
+        "half_lost": measure_halves(results, sampler),
         "curves": list(_each_curve(results, sampler)),
         "cameras": describe_cameras(results),
         "about": describe_run(results),
@@ -285,7 +259,7 @@ def _each_pair(results: WorldResults, sampler: ClusterBootstrap) -> Iterator[dic
         yield row
 
 
-def measure_halves(results: WorldResults, sampler: ClusterBootstrap) -> list[HalfLost]:
+def measure_halves(results: WorldResults, sampler: ClusterBootstrap) -> list[dict[str, Any]]:
     """For each kind of weather and variant, where half of its top-5 is lost."""
     rows = []
     for kind, ladder in find_ladder(results.weathers).items():

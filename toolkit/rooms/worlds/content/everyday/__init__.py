@@ -10,7 +10,7 @@ import numpy as np
 from toolkit.core.errors import one_of
 from toolkit.objects.load import build_mesh
 from toolkit.objects.mesh import Mesh, place_on_table
-from toolkit.rooms.worlds.content.drawing import chance, draw, pick_colour
+from toolkit.rooms.worlds.content.drawing import Rng
 from toolkit.rooms.worlds.content.everyday import household, vehicles, vessels
 from toolkit.rooms.worlds.content.modelling import LENGTH_MM
 
@@ -18,12 +18,12 @@ ATLAS_PX = 512
 """Side that the shipped atlas is reduced to."""
 HUE_TURN_DEG = {"racer": (30, 180), "warplane": (30, 180), "coffeepot": (30, 180), "eggnog": (12, 50)}
 """By how much the hues of a shipped object turn; a drink keeps a colour that a person would drink."""
-Maker = Callable[[np.random.Generator], Mesh]
+Maker = Callable[[Rng], Mesh]
 SHIPPED_SHARE = 0.35
 """Share of stretched and repainted shipped objects among the instances of a kind that the package ships."""
 
 
-def vary_shipped(name: str, rng: np.random.Generator) -> Mesh:
+def vary_shipped(name: str, rng: Rng) -> Mesh:
     """A shipped object stretched by 0.8-1.25 per axis, its hues turned or its paint mixed with another colour."""
     mesh = _small_shipped(name)
     stretch = np.exp(rng.uniform(np.log(0.8), np.log(1.25), 3)).astype(np.float32)
@@ -32,7 +32,7 @@ def vary_shipped(name: str, rng: np.random.Generator) -> Mesh:
     repainted = _repaint(mesh.materials[0].texture, HUE_TURN_DEG[name], rng)
     materials = tuple(
         replace(
-            material, texture=repainted, roughness=float(np.clip(material.roughness * draw(rng, 0.7, 1.5), 0.05, 0.95))
+            material, texture=repainted, roughness=float(np.clip(material.roughness * rng.draw(0.7, 1.5), 0.05, 0.95))
         )
         for material in mesh.materials
     )
@@ -40,19 +40,19 @@ def vary_shipped(name: str, rng: np.random.Generator) -> Mesh:
     return place_on_table(changed, LENGTH_MM)
 
 
-def _repaint(texture: np.ndarray, turn_deg: tuple[float, float], rng: np.random.Generator) -> np.ndarray:
+def _repaint(texture: np.ndarray, turn_deg: tuple[float, float], rng: Rng) -> np.ndarray:
     """Turn all hues within `turn_deg` either way, at times mix in a colour, and change lightness and contrast."""
     # what is grey stays grey: a rotation about the grey axis of RGB
-    turn = np.radians(draw(rng, *turn_deg)) * (1 if chance(rng, 0.5) else -1)
+    turn = np.radians(rng.draw(*turn_deg)) * (1 if rng.chance(0.5) else -1)
     axis = np.full(3, 1 / np.sqrt(3))
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     matrix = np.eye(3) + np.sin(turn) * cross + (1 - np.cos(turn)) * cross @ cross
     shift = np.zeros(3)
-    if chance(rng, 0.5):
-        share = draw(rng, 0.15, 0.5)
-        matrix, shift = matrix * (1 - share), share * np.array(pick_colour(rng, "bright", "ceramic", "car"))
-    gain = draw(rng, 0.75, 1.2)
-    return cv2.transform(texture, np.c_[matrix * gain, shift * gain + draw(rng, -12, 24)])
+    if rng.chance(0.5):
+        share = rng.draw(0.15, 0.5)
+        matrix, shift = matrix * (1 - share), share * np.array(rng.colour("bright", "ceramic", "car"))
+    gain = rng.draw(0.75, 1.2)
+    return cv2.transform(texture, np.c_[matrix * gain, shift * gain + rng.draw(-12, 24)])
 
 
 @lru_cache(maxsize=4)
@@ -65,7 +65,7 @@ def _small_shipped(name: str) -> Mesh:
 def _with_shipped(name: str, other_builds: Maker) -> Maker:
     """A maker of variants of the shipped object and, more often, of other builds of its kind."""
 
-    def make(rng: np.random.Generator) -> Mesh:
+    def make(rng: Rng) -> Mesh:
         return vary_shipped(name, rng) if rng.random() < SHIPPED_SHARE else other_builds(rng)
 
     return make
@@ -103,4 +103,4 @@ def make_everyday(label: str, seed: tuple[int, ...] | int) -> Mesh:
     """
     if label not in MAKERS:
         raise one_of("everyday object", label, list(MAKERS))
-    return MAKERS[label](np.random.default_rng(seed))
+    return MAKERS[label](Rng(seed))
