@@ -1,6 +1,7 @@
 """`toolkit`, and `python -m toolkit`."""
 # ruff: noqa: PTH100, PTH109, PTH120
 
+import gc
 import os
 import sys
 
@@ -14,6 +15,9 @@ def main() -> None:
         run_command_line()
     except KeyboardInterrupt:  # before the command line could answer it
         sys.exit(130)
+    finally:
+        # Python's end looks for garbage among all objects of all libraries, several times
+        gc.freeze()
 
 
 def _leave_current_folder() -> None:

@@ -108,6 +108,20 @@ def test_a_second_run_does_nothing(space):
     assert contents(space) == before and (space.captures_dir / "sim" / MANIFEST).read_bytes() == manifest
 
 
+def test_where_nothing_is_left_to_shoot_no_compiler_is_loaded(shot):
+    code = """
+import sys
+from toolkit.cli import main
+try:
+    main()
+finally:
+    print("HEAVY", sorted({"numba", "open3d", "torch"} & set(sys.modules)))
+"""
+    command = [sys.executable, "-c", code, "capture-sim", "--object", "crate", "--backdrop", "white"]
+    done = subprocess.run(command, cwd=shot.root, capture_output=True, text=True, check=False)
+    assert "shot 0 images, 4 kept" in done.stdout and done.stdout.endswith("HEAVY []\n"), done.stdout + done.stderr
+
+
 def test_variants_and_objects_named_twice_are_shot_once(space):
     (space.captures_dir / "sim" / "crate/patched/pose_01.jpg").unlink()
     result = shoot(space, ["patched", "patched"], objects=["crate", "crate"])

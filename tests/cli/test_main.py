@@ -130,6 +130,20 @@ entry.main()
     assert done.returncode == 130 and done.stderr == ""
 
 
+def test_the_end_of_a_command_looks_for_no_garbage(tmp_path):
+    code = """
+import atexit, gc
+from toolkit.__main__ import main
+
+atexit.register(lambda: print(len(gc.get_objects()) < 1000 < gc.get_freeze_count()))
+main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, "--version"], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0 and done.stdout.splitlines()[-1] == "True"
+
+
 @pytest.mark.parametrize("own", [{}, {"OMP_WAIT_POLICY": "ACTIVE"}, {"GOMP_SPINCOUNT": "9"}, {"KMP_BLOCKTIME": "9"}])
 def test_threads_that_wait_do_not_spin_unless_the_user_said_so(monkeypatch, own):
     for name in WAITING:

@@ -44,7 +44,6 @@ from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, Pose, check_poses
 from toolkit.rig.renderers import RAYCAST, RENDERERS, check_renderer, describe_cost, make_renderer
 from toolkit.rig.scene import Scene
-from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import LIGHTS, add_board, make_studio, name_studio, name_with_board
 from toolkit.rig.variants import apply_booster, find_booster, note_booster
 
@@ -194,7 +193,7 @@ def without_mark(record: CaptureRecord) -> CaptureRecord:
 
 def leave_out(source_dir: Path, reasons: Mapping[str, str]) -> None:
     """Note in a source's manifest why images no longer count; `reasons` are by path below the source."""
-    known = read_manifest(source_dir)
+    known = read_manifest(source_dir) if reasons else {}
     for path, reason in reasons.items():
         marked = {**known[path].made, LEFT_OUT: reason}
         if known[path].made != marked:
@@ -529,6 +528,8 @@ def shoot_unit(
         settings: how.
         places: camera, `T_world_camera` and number of the sensor's noise of each shot.
     """
+    from toolkit.rig.shading import tone_map  # brings the compiler, which needs to load only to shoot
+
     rehearsal = settings.rehearsal
     if rehearsal is None:
         mesh = apply_booster(item, booster)
@@ -539,7 +540,9 @@ def shoot_unit(
     taken = zip((number for _, _, number in places), pictures, strict=True)
     if rehearsal is None:
         # developed beside the frames that are rendered next
-        yield from map_ahead(lambda shot: _develop(*shot, settings), taken)
+        yield from map_ahead(
+            lambda shot: _encode(tone_map(shot[1], (settings.seed, shot[0])), settings.image_format), taken
+        )
         return
     for number, picture in taken:
         # by variant, as two boosters may have one name; drawn before the light, so that each step has its own numbers
@@ -547,10 +550,6 @@ def shoot_unit(
         grain = int(rng.integers(1 << 62))
         developed = tone_map(rehearsal.expose(picture, rng), (settings.seed, number, grain), rehearsal.noise)
         yield rehearsal.encode(developed)
-
-
-def _develop(number: int, picture: np.ndarray, settings: ShootSettings) -> bytes:
-    return _encode(tone_map(picture, (settings.seed, number)), settings.image_format)
 
 
 def _encode(pixels: np.ndarray, image_format: str) -> bytes:

@@ -219,6 +219,7 @@ def _shoot_plan(
     space: Workspace, config: SimulateConfig, settings: "ShootSettings", objects: Sequence[str],
     variants: Sequence[str], engine: EngineConfig,
 ) -> Simulated:  # fmt: skip
+    from toolkit.captures.manifest import MANIFEST
     from toolkit.rig.plan import list_misfits, open_plan
     from toolkit.rig.variants import ON_PAPER
 
@@ -232,7 +233,8 @@ def _shoot_plan(
     if config.source == "real":
         raise FieldError("captures/real is for photographs: name another folder, such as sim-2", {"source": "real"})
     names = list(objects) or list(plan.objects)
-    if config.renderer == RAYCAST:
+    # where images lie already there may be none left to shoot, and the compiler takes its time to load
+    if config.renderer == RAYCAST and not any(space.captures_dir.glob(f"*/{MANIFEST}")):
         from toolkit.rig.raycast import begin_compiling
 
         begin_compiling()

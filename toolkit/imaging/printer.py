@@ -28,25 +28,23 @@ def nearest_printable(colours: np.ndarray) -> np.ndarray:
 
     Halftones mix solids, so printable colours fill the convex hull of `SOLIDS`.
     """
-    from trimesh.triangles import closest_point
+    import igl
 
     nearest = np.array(colours, float)
-    triangles, planes = _hull()
+    corners, triangles, planes = _hull()
     # a point inside of the hull lies below all of its triangles
     outside = np.flatnonzero((nearest @ planes[:, :3].T + planes[:, 3]).max(axis=1) > 0)
-    points, count = nearest[outside], len(triangles)
-    places = closest_point(np.repeat(triangles, len(points), axis=0), np.tile(points, (count, 1)))
-    places = places.reshape(count, -1, 3)
-    nearest[outside] = places[np.linalg.norm(points - places, axis=2).argmin(axis=0), np.arange(len(points))]
+    if len(outside):
+        nearest[outside] = igl.point_mesh_squared_distance(nearest[outside], corners, triangles)[2]
     return nearest
 
 
 @lru_cache(maxsize=1)
-def _hull() -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (f, 3, 3) of the hull of `SOLIDS`, and their planes (f, 4): outward normal, offset."""
-    solids = SOLIDS.reshape(8, 3)
-    hull = scipy.spatial.ConvexHull(solids)
-    return solids[hull.simplices], hull.equations
+def _hull() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The hull of `SOLIDS`: corners (8, 3), triangles (f, 3), and their planes (f, 4): outward normal, offset."""
+    corners = SOLIDS.reshape(8, 3)
+    hull = scipy.spatial.ConvexHull(corners)
+    return corners, hull.simplices.astype(np.int64), hull.equations
 
 
 DULL = 0.05
