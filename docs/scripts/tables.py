@@ -118,6 +118,7 @@ def list_scores(folder: Path) -> Iterator[Row]:
             "trained_on": "; ".join(one.arch for one in score.entry.networks),
             "unseen": "; ".join(one.name for one in score.judges if not one.seen),
             "pictures": score.pooled[0].n // sum(not one.seen for one in score.judges) if score.pooled else None,
+            "renderers": place["renderers"],
         }
 
 

@@ -222,7 +222,6 @@ def write_board(
         "title": "Challenge", "boards": [(_name_class(board[0].score), board[0].score, board) for board in boards],
         "pictures": {entry.score.entry.name: _embed_pictures(entry) for entry in entries},
         "curves": {entry.score.entry.name: _count_curve(entry) for entry in entries},
-        "has_renderers": any(place.renderers for place in places),
         "conditions": CONDITIONS, "colour": COLOURS[0], "bare_colour": UNPATCHED_COLOUR,
     }  # fmt: skip
     write_page(out / "index.html", "toolkit.rooms.benchmarks.challenge", "board.html.j2", context)
