@@ -91,6 +91,17 @@ def test_the_readme_says_which_gains_hold_in_three_renderers() -> None:
     assert "MobileNetV1, textures gain in all three, wraps in two, patches in none" in readme
 
 
+def test_the_page_of_renderers_says_what_holds_on_the_unseen_network() -> None:
+    page = (DOCS / "how/renderers.md").read_text(encoding="utf-8")
+    rows = [row for row in read_table("renderers") if row["run"].endswith(UNSEEN)]
+    assert len(rows) == 27
+    sure = [row for row in rows if float(row["mcnemar_p"]) < 0.05]
+    assert all(int(row["gained"]) > int(row["lost"]) for row in sure) and "No cell shows a significant loss." in page
+    by_mitsuba = [(row["run"], row["variant"]) for row in sure if row["renderer"].startswith("mitsuba")]
+    assert by_mitsuba == [(f"studio-{UNSEEN}", "textured")]
+    assert "By Mitsuba, only textures in studio light gain significantly." in page
+
+
 def test_the_readmes_table_has_each_network_by_itself() -> None:
     """Pooled, a network that gains nothing would hide behind one that gains."""
     from findings import JUDGES, Findings
