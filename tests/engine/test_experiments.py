@@ -12,6 +12,7 @@ import pytest
 from toolkit.captures import shoot as shooting
 from toolkit.core.errors import ToolkitError
 from toolkit.engine.local import InProcess, LocalPool
+from toolkit.rig import shading
 from toolkit.rooms.benchmarks.corruptions import grid
 
 
@@ -147,8 +148,8 @@ def test_the_command_takes_workers_and_lists_what_failed(make_crate_space, tmp_p
     call = ["capture-sim", "--workspace", str(space.root), "--object", "crate", "--backdrop", "white"]
     done = CliRunner().invoke(app, [*call, "--workers", "2", "--source", "pool"])
     assert done.exit_code == 0 and "shot 4 images" in done.stdout
-    real = shooting.tone_map
-    monkeypatch.setattr(shooting, "tone_map", lambda picture, draws: 1 / 0 if draws[1] == 2 else real(picture, draws))
+    real = shading.tone_map
+    monkeypatch.setattr(shading, "tone_map", lambda picture, draws: 1 / 0 if draws[1] == 2 else real(picture, draws))
     done = CliRunner().invoke(app, call)
     assert done.exit_code == 1 and "skipped crate unpatched: ZeroDivisionError" in done.stderr.replace("\n", " ")
     assert "shot 2 images" in done.stdout

@@ -109,7 +109,7 @@ def test_every_experiment_is_a_row(evaluated):
     write_world(evaluated)
     write_landing(evaluated)
     benchmark = summarise(make_benchmark(corruptions=("fog",), severities=(1, 2), readers=False, fixed=False))
-    write_summary(evaluated, "corruptions/photographs-net", benchmark.as_json())
+    write_summary(evaluated, "corruptions/photographs-net", benchmark.model_dump(mode="json"))
     runs, refused = find_runs(evaluated)
     assert not refused
     assert {run.name: run.kind for run in runs} == {
@@ -139,7 +139,7 @@ def test_an_older_summary_without_a_kind_is_told_by_what_it_holds(evaluated, as_
     assert content.pop("kind") == "eval"
     file.write_text(json.dumps(content))
     write_summary(evaluated, "sweeps/light/net", content)
-    benchmark = summarise(make_benchmark(corruptions=("fog",), severities=(1,), readers=False)).as_json()
+    benchmark = summarise(make_benchmark(corruptions=("fog",), severities=(1,), readers=False)).model_dump(mode="json")
     assert benchmark.pop("kind") == "benchmark"
     write_summary(evaluated, "corruptions/old", benchmark)
     write_world(evaluated)
