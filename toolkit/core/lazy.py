@@ -1,6 +1,6 @@
 """Libraries that take long to load: each is imported when one of its names is first used.
 
-from toolkit.core.lazy import np, torch
+`from toolkit.core.lazy import np, torch` loads neither. Annotations with their names stay in quotes.
 """
 
 from importlib import import_module

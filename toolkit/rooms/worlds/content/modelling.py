@@ -28,10 +28,10 @@ MATERIALS = {
 """Name -> (roughness, metallic)."""
 
 
-Group = TypeVar("Group", bound="Solid")
+Group = TypeVar("Group", bound="PartGroup")
 
 
-class Solid(ABC, Iterable["Part"]):
+class PartGroup(ABC, Iterable["Part"]):
     """Parts that are moved together; a part is a group of its own."""
 
     @abstractmethod
@@ -85,7 +85,7 @@ class Solid(ABC, Iterable["Part"]):
 
 
 @dataclass(frozen=True)
-class Part(Solid):
+class Part(PartGroup):
     """A piece of surface with its chart."""
 
     vertices: np.ndarray  # (n, 3) millimetres
@@ -103,7 +103,7 @@ class Part(Solid):
         yield self
 
 
-class Parts(list[Part], Solid):
+class Parts(list[Part], PartGroup):
     """Several parts, in order; made from parts and groups of parts."""
 
     def __init__(self, *groups: Iterable[Part]) -> None:
