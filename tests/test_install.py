@@ -39,16 +39,18 @@ def make_venv(tmp_path):
         file.chmod(0o755)
         return file
 
-    def run(python: str = "", **settings: str):
+    def run(python: str = "", free_gb: int = 20, **settings: str):
         # a Python that makes an environment whose own Python does nothing
         fake = write_program("python", f'[ "$2" != venv ] || {{ mkdir -p $3/bin; cp {tmp_path}/noted $3/bin/python; }}')
         write_program("noted", "")
         write_program("uv", "")
+        write_program("df", f'echo "blocks used available"; echo "/dev/disk 0 0 {free_gb}000000 0% /"')
+        path = f"{tmp_path}:{os.environ['PATH']}"
         done = subprocess.run(
             [ROOT / "scripts/make-venv", python or fake, "env"], cwd=tmp_path, capture_output=True, text=True,
-            check=False, env={**os.environ, "UV": "", "TORCH": "", **settings},
+            check=False, env={**os.environ, "PATH": path, "UV": "", "TORCH": "", **settings},
         )  # fmt: skip
-        return done, [line for line in calls.read_text().splitlines() if " -c " not in line and "--version" not in line]
+        return done, [line for line in calls.read_text().splitlines() if not re.match("df|.* (-c|--version)", line)]
 
     run.folder = tmp_path
     return run
@@ -76,6 +78,15 @@ def test_other_torches_are_refused(make_venv):
     done, calls = make_venv(TORCH="cuda")
     assert (done.returncode, calls) == (1, [])
     assert done.stderr == "make: TORCH is cpu or empty, not 'cuda'\n"
+
+
+def test_a_disk_that_is_too_full_is_refused_before_anything_is_installed(make_venv):
+    done, calls = make_venv(free_gb=5)
+    assert (done.returncode, calls) == (1, [])
+    assert f"need 8 GB of disk, {make_venv.folder} has 5 GB free" in done.stderr and "make TORCH=cpu" in done.stderr
+    assert "GB" not in make_venv(free_gb=5, TORCH="cpu")[0].stderr
+    (make_venv.folder / "env").mkdir(exist_ok=True)
+    assert "GB" not in make_venv(free_gb=5)[0].stderr  # an environment that is there already only gets what is new
 
 
 def test_a_python_that_does_not_fit_is_refused(make_venv):
