@@ -10,6 +10,7 @@ from red_seeker import PX, red_seeker
 from texture_parts import crate_config
 from tiny_network import tiny_classifier
 
+from toolkit.boosters import pixels
 from toolkit.boosters.detectors import (
     DetectorNetwork,
     box_of_coverage,
@@ -23,6 +24,7 @@ from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.pixels import Target, choose_targets
 from toolkit.boosters.texture import train_texture
 from toolkit.core.errors import ToolkitError
+from toolkit.models.load_detector import DenseDetector
 
 
 def test_the_loss_falls_where_score_and_box_fit():
@@ -88,6 +90,28 @@ class TestBesideClassifiers:
         with torch.no_grad():
             ends = [float(judge_detectors(at + k * along, [target], boxes, red.double())[0]) for k in (1, -1)]
         assert (ends[0] - ends[1]) / 2e-5 == pytest.approx(float(gradient.norm()), rel=1e-4)
+
+    def test_photographs_are_judged_in_parts_and_count_alike(self, monkeypatch):
+        target, asked = Target(DetectorNetwork(red_seeker(), any_class=True), 1), []
+        monkeypatch.setattr(pixels, "CPU_PART", 2)
+        monkeypatch.setattr(torch, "get_num_threads", lambda: 1)
+        losses = DenseDetector.losses
+        monkeypatch.setattr(DenseDetector, "losses", lambda *given: asked.append(len(given[1])) or losses(*given))
+        rng = torch.Generator().manual_seed(0)
+        red, photos = (torch.rand(5, 3, PX, PX, generator=rng, dtype=torch.float64) for _ in range(2))
+        red[:, 0, 8:48, 8:48], red[:, 1:, 8:48, 8:48] = 1, 0
+        boxes = np.stack([np.array([8.0 + k, 8.0, 48.0, 48.0], np.float32) for k in range(5)])
+        photos.requires_grad_()
+
+        def judge(where: slice):
+            loss, _ = judge_detectors(photos[where], [target], boxes[where], unmodified=red[where], lost_weight=2)
+            return float(loss.detach()), torch.autograd.grad(loss, photos)[0]
+
+        whole, gradient = judge(slice(0, 5))
+        assert max(asked) == 2 and gradient.abs().amax((1, 2, 3)).min() > 0
+        alone = [judge(slice(k, k + 1)) for k in range(5)]
+        assert whole == pytest.approx(np.mean([loss for loss, _ in alone]))
+        torch.testing.assert_close(gradient, sum(part for _, part in alone) / 5)
 
     @pytest.mark.parametrize("class_name", ["jet", "sports car"])
     def test_a_patch_is_trained_on_both_by_turns(self, make_crate_space, tmp_path, class_name):

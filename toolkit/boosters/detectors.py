@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from toolkit.boosters.pixel_config import PixelConfig, Settings
-from toolkit.boosters.pixels import Network, Target, resize_photos, resolve_targets, weigh_lost
+from toolkit.boosters.pixels import Network, Target, judge_in_parts, resize_photos, resolve_targets, weigh_lost
 from toolkit.boosters.transforms import OF_NETWORKS
 from toolkit.boosters.transforms.transfer import find_layers
 from toolkit.core.errors import FieldError, ToolkitError
@@ -236,20 +236,24 @@ def judge_detectors(
     # a box may reach out of the cut that the detector is shown
     places = torch.from_numpy(np.asarray(boxes, np.float32)).clamp(0, side).to(photos.device)
     for target in targets:
-        network = target.classifier
-        assert isinstance(network, DetectorNetwork)
-        hits = target.find_hits(photos.detach())
-        losses = _find_losses(network, photos, places, target)
-        # without the class, only a loss beyond that of the unmodified object counts
-        if network.any_class:
-            assert before is not None
-            with torch.no_grad():
-                wanted = _find_losses(network, before, places, target)
-            losses = (losses - wanted).clamp_min(0)
-        if before is not None and lost_weight > 1:
-            losses = losses * weigh_lost(target.find_hits(before), hits, lost_weight).to(losses)
-        loss = loss + losses.mean()
-        seen += float(hits.double().mean())
+
+        def judge(part: torch.Tensor, where: slice, target: Target = target) -> tuple[torch.Tensor, float]:
+            network = target.classifier
+            assert isinstance(network, DetectorNetwork)
+            hits, known = target.find_hits(part.detach()), None if before is None else before[where]
+            losses = _find_losses(network, part, places[where], target)
+            # without the class, only a loss beyond that of the unmodified object counts
+            if network.any_class:
+                assert known is not None
+                with torch.no_grad():
+                    wanted = _find_losses(network, known, places[where], target)
+                losses = (losses - wanted).clamp_min(0)
+            if known is not None and lost_weight > 1:
+                losses = losses * weigh_lost(target.find_hits(known), hits, lost_weight).to(losses)
+            return losses.mean(), float(hits.double().mean())
+
+        mean, found = judge_in_parts(photos, judge)
+        loss, seen = loss + mean, seen + found
     return loss, seen / len(targets)
 
 

@@ -202,19 +202,24 @@ def weigh_lost(known: torch.Tensor, hits: torch.Tensor, lost_weight: float) -> t
 
 
 def judge_in_parts(
-    photos: torch.Tensor, target: Target, config: PixelConfig, known: torch.Tensor | None = None
+    photos: torch.Tensor, judge: Callable[[torch.Tensor, slice], tuple[torch.Tensor, float]]
 ) -> tuple[torch.Tensor, float]:
-    """`judge_photos` of a network, a part at a time: what it keeps of photographs for the way back is much memory."""
+    """What a network says of photographs, a part at a time: what it keeps of them for the way back is much memory.
+
+    Args:
+        photos: (b, 3, m, m) sRGB-encoded in [0, 1].
+        judge: the mean loss of a part of them, and the share recognised; it also gets the part's place in the batch.
+    """
     if not photos.requires_grad:
-        return judge_photos(photos, [target], config.objective, known, config.lost_weight)
+        return judge(photos, slice(None))
     value, recognised = photos.new_zeros(()), 0.0
     gradients: list[torch.Tensor] = []
     # a part for each of a CPU's threads: more are no faster; a GPU takes all at once
     size = CPU_PART * torch.get_num_threads() if photos.device.type == "cpu" else len(photos)
-    parts = photos.detach().split(size)
-    for part, known_part in zip(parts, [None] * len(parts) if known is None else known.split(size), strict=True):
-        part.requires_grad_(True)
-        loss, hits = judge_photos(part, [target], config.objective, known_part, config.lost_weight)
+    for first in range(0, len(photos), size):
+        where = slice(first, first + size)
+        part = photos.detach()[where].requires_grad_(True)
+        loss, hits = judge(part, where)
         share = len(part) / len(photos)
         gradients += torch.autograd.grad(loss * share, part)
         value, recognised = value + loss.detach() * share, recognised + hits * share
@@ -255,7 +260,12 @@ def judge_ensemble(
 
         known = None if unmodified is None else target.find_hits(look(unmodified))
         if clean is None:
-            return judge_in_parts(look(seen), target, config, known)
+            return judge_in_parts(
+                look(seen),
+                lambda part, where: judge_photos(
+                    part, [target], config.objective, None if known is None else known[where], config.lost_weight
+                ),
+            )
         network, see_clean = target.classifier, partial(judge_photos, clean, [target])
         assert isinstance(network, Classifier)
         with ExitStack() as acting:
