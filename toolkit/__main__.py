@@ -16,8 +16,9 @@ def main() -> None:
     except KeyboardInterrupt:  # before the command line could answer it
         sys.exit(130)
     finally:
-        # Python's end looks for garbage among all objects of all libraries, several times
-        gc.freeze()
+        # Python's end looks for garbage among all objects of all libraries, several times; these two print what is left
+        if sys.modules.keys().isdisjoint(("triton", "drjit")):
+            gc.freeze()
 
 
 def _leave_current_folder() -> None:
