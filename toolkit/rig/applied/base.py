@@ -60,7 +60,7 @@ class AppliedBooster(ABC):
             change: from (n, n, 3) uint8 sRGB of a file to the colours on paper; white becomes bare paper.
         """
         red, green, blue = change(np.full((1, 1, 3), 255, np.uint8))[0, 0].tolist()
-        margin = "bleed" if self.margin == "bleed" else (red, green, blue)
+        margin: PaperMargin = "bleed" if self.margin == "bleed" else (red, green, blue)
         return replace(self, pixels=change(self.pixels), margin=margin)
 
     @property

@@ -75,7 +75,7 @@ class Camouflage(PatchBooster):
 
     def printed(self, change: Callable[[np.ndarray], np.ndarray]) -> AppliedBooster:
         """Return it in the colours of a printer: the print of each sheet."""
-        return replace(super().printed(change), prints=tuple(map(change, self.prints)))
+        return PatchBooster.printed(replace(self, prints=tuple(map(change, self.prints))), change)
 
     def sheets(self, item: TableObject) -> list[MountedSheet]:
         """Return each sheet where the object's spec places it; raises as `mount_sheets`."""
