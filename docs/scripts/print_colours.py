@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from tables import TABLES, Row, write_table
 
-from toolkit.boosters.transforms.printing import use_profile
+from toolkit.boosters.transforms.printing import SHEEN, use_profile
 from toolkit.captures.shoot import print_booster, print_pixels
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.printer import read_print_profile
@@ -35,7 +35,7 @@ def main(profile: str) -> None:
     side = round(STEPS**1.5)
     chart = np.array(list(product(values, repeat=3)), np.uint8).reshape(side, side, 3)
     found = read_print_profile(Path(profile))
-    booster = print_booster(PatchBooster(chart, "", "chart", (SIZE_MM,)), use_profile(found), 0, "chart")
+    booster = print_booster(PatchBooster(chart, "", "chart", (SIZE_MM,)), use_profile(found, SHEEN), 0, "chart")
     printed = print_pixels(use_profile(found).with_overrides(texel_mm=SIZE_MM / side), chart, 0, "chart")
     # blank paper is the whole sheet, so that light, shade and gloss of each place are those of the chart
     blank = np.full_like(chart, PAPER)

@@ -108,6 +108,10 @@ def test_the_profile_is_recorded_listed_and_makes_another_run(tmp_path):
     assert "as measured, profile copier" in line and "ΔE00 1.2" in line
     other = copier_profile(coefficients=tuple((r + 0.001, g, b) for r, g, b in copier_profile().coefficients))
     write_print_profile(tmp_path / "other.json", other)
+    sized = make_config(
+        "default", use_printer({"size_mm": 100.0}, tmp_path / "copier.json"), DataConfig(sources=("rig",))
+    )
+    assert sized.print_process.texel_mm == pytest.approx(100 / sized.size_px), "ink spreads by millimetres"
     third = make_config("default", use_printer({}, tmp_path / "other.json"), DataConfig(sources=("rig",)))
     hashes = {
         PATCHES.key(*list_patch_inputs(one, "jet", [], "data")) for one in (generic, own, third, config(tmp_path))

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from toolkit.boosters.transforms.camera import CameraBlur, Exposure
-from toolkit.boosters.transforms.printing import PrintProcess, use_profile
+from toolkit.boosters.transforms.printing import SHEEN, PrintProcess, use_profile
 from toolkit.captures.manifest import read_manifest
 from toolkit.captures.shoot import (
     Rehearsal,
@@ -189,7 +189,7 @@ def test_the_margin_is_the_printers_paper_and_every_sheet_is_printed(tmp_path, m
 
 def test_a_sheet_has_the_colours_that_were_photographed():
     """Against blank paper in the same light: what the paper mirrors is not counted twice."""
-    printer = use_profile(copier_profile()).with_overrides(bleed_mm=(0.001, 0.001))
+    printer = use_profile(copier_profile(), SHEEN).with_overrides(bleed_mm=(0.001, 0.001))
     chart = np.random.default_rng(2).integers(0, 256, (3, 3, 3), np.uint8)
     booster = print_booster(PatchBooster(chart, "", "chart", (90.0,)), printer, 0, "chart")
     camera, pose, light = Camera.from_fov(64, 64, 40), orbit_pose(np.zeros(3), 20, 60, 250), []

@@ -11,7 +11,7 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.boosters.transforms.camera import LEAST_DEFOCUS_PX, CameraBlur, Exposure
-from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, use_profile
+from toolkit.boosters.transforms.printing import SHEEN, PrintProcess, ProfiledPrint, use_profile
 from toolkit.captures.capture import RENDERER_VERSION
 from toolkit.captures.manifest import (
     LEFT_OUT,
@@ -32,7 +32,6 @@ from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.engine.local import InProcess
 from toolkit.engine.units import Engine, Unit, cut_groups, run_resumable
-from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 from toolkit.imaging.printer import read_print_profile
 from toolkit.imaging.read import encode_image
 from toolkit.objects.load import TableObject, load_object
@@ -55,8 +54,6 @@ LARGEST_SCALE = 10
 FORMATS = ("jpg", "png")
 UNIT_SHOTS = 64
 """Largest number of shots in a unit."""
-SHEEN = 0.023
-"""Light that the paper of roughness 0.75 mirrors, as a share of what white scatters: see `docs/how/renderers.md`."""
 NOT_WANTED = "of another plan or file format than the images that were shot last"
 SHOTS = Work("shot", 4)
 _painting = Lock()
@@ -150,25 +147,7 @@ def print_booster(
         return booster
     # ink spreads by millimetres, however many texels a sheet has
     to_size = printer.with_overrides(texel_mm=booster.texel_mm)
-
-    def change(pixels: np.ndarray) -> np.ndarray:
-        printed = print_pixels(to_size, pixels, seed, name)
-        if not isinstance(printer, ProfiledPrint):
-            return printed
-        return leave_out_sheen(printed, paper=print_pixels(to_size, np.full((1, 1, 3), 255, np.uint8), seed, name))
-
-    return booster.printed(change)
-
-
-def leave_out_sheen(printed: np.ndarray, paper: np.ndarray) -> np.ndarray:
-    """(n, n, 3) uint8 sRGB of ink without what its surface mirrors, from colours (n, n, 3) that were photographed.
-
-    Photographs hold that light, and every renderer adds it. Against `paper`, the colours of the sheet are then those
-    that were photographed: (ink + sheen) / (paper + sheen) = printed / paper.
-    """
-    seen, white = (srgb_to_linear(one / np.float32(255)) for one in (printed, paper))
-    ink = linear_to_srgb(np.maximum(seen + SHEEN * (seen / white - 1), 0))
-    return np.round(ink * 255).astype(np.uint8)
+    return booster.printed(lambda pixels: print_pixels(to_size, pixels, seed, name))
 
 
 def print_pixels(printer: Printer, pixels: np.ndarray, seed: int, name: str) -> np.ndarray:
@@ -189,7 +168,7 @@ def make_rehearsal(print_profile: Path | None = None) -> Rehearsal:
 
 def read_printer(print_profile: Path) -> ProfiledPrint:
     """Return the printer of a profile; a `ToolkitError` if it cannot be read."""
-    return use_profile(read_print_profile(print_profile))
+    return use_profile(read_print_profile(print_profile), SHEEN)
 
 
 @dataclass(frozen=True)
