@@ -83,6 +83,10 @@ class Findings:
         """`65 of 72 (90 %, 81–95 %)` from sweeps.csv, all objects together."""
         return say_share(self.row("sweeps", run=run, axis=axis, value=value, variant=variant, object="all"))
 
+    def flips(self) -> list[Row]:
+        """Rows in which 16 samples change the first guess."""
+        return [row for row in self.tables["samples"] if row["answer_16"] != row["answer_1024"]]
+
     def agreement(self, samples: str) -> str:
         """`30 of 32 (94 %, 80–98 %)`: first guesses that are those of 1,024 samples, denoised."""
         rows = self.tables["samples"]

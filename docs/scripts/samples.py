@@ -1,7 +1,7 @@
 """Compare answers to Mitsuba's images with those to images of 1,024 samples: samples.py [COUNT [MODEL ...]].
 
 Writes docs/results/samples.csv. The images are drawn from those of run-renderers, which makes the workspace that this
-reads: half without a booster, half with one. Images that the table has are left as they are; 80 CPU seconds each.
+reads: in turn without and with a booster. Images that the table has are left as they are; 80 CPU seconds each.
 """
 
 import csv
