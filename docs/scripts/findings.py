@@ -6,6 +6,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from toolkit.core.files import write_text
+from toolkit.core.statistics import wilson_interval
 from toolkit.core.tables import format_p, format_percent, format_points
 from toolkit.imaging.style import name_network
 from toolkit.models.load import read_bundled
@@ -81,6 +82,20 @@ class Findings:
     def swept(self, axis: str, value: str, variant: str, run: str = "resnet18") -> str:
         """`65 of 72 (90 %, 81–95 %)` from sweeps.csv, all objects together."""
         return say_share(self.row("sweeps", run=run, axis=axis, value=value, variant=variant, object="all"))
+
+    def flips(self) -> list[Row]:
+        """Rows in which 16 samples change the first guess."""
+        return [row for row in self.tables["samples"] if row["answer_16"] != row["answer_1024"]]
+
+    def agreement(self, samples: str) -> str:
+        """`30 of 32 (94 %, 80–98 %)`: first guesses that are those of 1,024 samples, denoised."""
+        rows = self.tables["samples"]
+        same = sum(row[f"answer_{samples}"] == row["answer_1024"] for row in rows)
+        low, high = wilson_interval(same, len(rows))
+        return say_share({
+            "correct": str(same), "n": str(len(rows)), "top1": str(same / len(rows)),
+            "top1_low": str(low), "top1_high": str(high),
+        })  # fmt: skip
 
     def networks(self) -> list[tuple[str, Row, str]]:
         """Each network once: its name, a run of it, and which shipped boosters were trained on it."""

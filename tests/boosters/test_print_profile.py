@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from part_checks import check_gradient, count_changed, grey_noise
-from print_colours import print_colours
+from print_colours import TERMS, copier_profile, print_colours
 
 from toolkit.boosters.patch_config import PATCHES, list_patch_inputs, make_config, use_printer
 from toolkit.boosters.pixel_config import DataConfig
@@ -15,39 +15,23 @@ from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, en
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import linear_to_srgb
 from toolkit.imaging.printer import (
-    ColourError,
-    PrintProfile,
-    ProfileMade,
     raise_terms,
     read_print_profile,
     white_paper,
     write_print_profile,
 )
 
-TERMS = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 1, 1), (0, 0, 2))
 NO_BLEED = {"bleed_mm": (0.001, 0.001)}
-
-
-def profile(**changes) -> PrintProfile:
-    rng = np.random.default_rng(7)
-    coefficients = rng.uniform(0.02, 0.14, (len(TERMS), 3))
-    fields = {
-        "name": "copier", "patch": "racer", "patch_sha256": "ab" * 32, "model": "cubic", "power": 1.8,
-        "exponents": TERMS, "coefficients": tuple(map(tuple, coefficients.tolist())), "paper_linear": white_paper(),
-        "photos": ("cd" * 32,), "n_samples": 100, "strip_cells": 22, "without": ColourError(median=14, p95=23),
-        "held_out": ColourError(median=1.2, p95=3), "made": ProfileMade(on="2026-01-01", with_version="1"),
-    }  # fmt: skip
-    return PrintProfile(**{**fields, **changes})
 
 
 def part(**changes) -> ProfiledPrint:
 
-    return use_profile(profile()).with_overrides({**NO_BLEED, **changes})
+    return use_profile(copier_profile()).with_overrides({**NO_BLEED, **changes})
 
 
 def config(tmp_path: Path | None = None, **changes):
     if tmp_path is not None:
-        changes = use_printer(changes, write_print_profile(tmp_path / "copier.json", profile()))
+        changes = use_printer(changes, write_print_profile(tmp_path / "copier.json", copier_profile()))
     return make_config("default", changes, DataConfig(sources=("rig",)))
 
 
@@ -56,16 +40,16 @@ def test_colours_are_those_that_the_profile_says():
     colours = np.random.default_rng(0).random((40, 3))
     pixels = torch.from_numpy(colours.T.reshape(1, 3, 5, 8))
     said = part().colour(pixels)[0].reshape(3, 40).T.numpy()
-    np.testing.assert_allclose(said, print_colours(profile(), colours), atol=1e-6)
+    np.testing.assert_allclose(said, print_colours(copier_profile(), colours), atol=1e-6)
     r, g, b = colours[0] ** 1.8
     terms = np.array([1, r, g, b, r * g, r * g * b, b * b])
     np.testing.assert_allclose(raise_terms(colours[0], 1.8, TERMS), terms)
-    linear = terms @ np.array(profile().coefficients) * np.array(white_paper())
-    np.testing.assert_allclose(print_colours(profile(), colours[0]), linear_to_srgb(linear), atol=1e-6)
+    linear = terms @ np.array(copier_profile().coefficients) * np.array(white_paper())
+    np.testing.assert_allclose(print_colours(copier_profile(), colours[0]), linear_to_srgb(linear), atol=1e-6)
 
 
 def test_a_profile_that_changes_nothing_changes_nothing():
-    identity = profile(
+    identity = copier_profile(
         power=1, exponents=((1, 0, 0), (0, 1, 0), (0, 0, 1)), coefficients=((1, 0, 0), (0, 1, 0), (0, 0, 1)),
         paper_linear=(1, 1, 1),
     )  # fmt: skip
@@ -106,7 +90,7 @@ def test_probability_is_kept():
 def test_the_flag_takes_the_place_of_the_generic_printer(tmp_path):
     assert isinstance(config().print_process, PrintProcess)
     asked = config(tmp_path)
-    assert asked.print_process == use_profile(profile())
+    assert asked.print_process == use_profile(copier_profile())
     assert asked.appearance().on_print == (asked.print_process,)
     file = tmp_path / "copier.json"
     paper = make_config("paper", use_printer({}, file), DataConfig(sources=("photos",)))
@@ -119,11 +103,15 @@ def test_the_profile_is_recorded_listed_and_makes_another_run(tmp_path):
     generic, own = config(), config(tmp_path)
     settings = json.loads(json.dumps(own.record()))
     assert settings["print_process"]["name"] == "copier" and len(settings["print_process"]["sha256"]) == 64
-    assert settings["print_process"]["coefficients"] == [list(row) for row in profile().coefficients]
+    assert settings["print_process"]["coefficients"] == [list(row) for row in copier_profile().coefficients]
     line = dict(own.rows())["print process"]
     assert "as measured, profile copier" in line and "ΔE00 1.2" in line
-    other = profile(coefficients=tuple((r + 0.001, g, b) for r, g, b in profile().coefficients))
+    other = copier_profile(coefficients=tuple((r + 0.001, g, b) for r, g, b in copier_profile().coefficients))
     write_print_profile(tmp_path / "other.json", other)
+    sized = make_config(
+        "default", use_printer({"size_mm": 100.0}, tmp_path / "copier.json"), DataConfig(sources=("rig",))
+    )
+    assert sized.print_process.texel_mm == pytest.approx(100 / sized.size_px), "ink spreads by millimetres"
     third = make_config("default", use_printer({}, tmp_path / "other.json"), DataConfig(sources=("rig",)))
     hashes = {
         PATCHES.key(*list_patch_inputs(one, "jet", [], "data")) for one in (generic, own, third, config(tmp_path))
@@ -132,8 +120,8 @@ def test_the_profile_is_recorded_listed_and_makes_another_run(tmp_path):
 
 
 def test_a_profile_comes_back_from_its_file(tmp_path):
-    file = write_print_profile(tmp_path / "deep" / "copier.json", profile())
-    assert read_print_profile(file) == profile()
+    file = write_print_profile(tmp_path / "deep" / "copier.json", copier_profile())
+    assert read_print_profile(file) == copier_profile()
 
 
 @pytest.mark.parametrize(
@@ -151,7 +139,7 @@ def test_a_profile_comes_back_from_its_file(tmp_path):
     ],
 )
 def test_a_damaged_file_is_one_clear_line(tmp_path, changes, words):
-    content = profile().model_dump(mode="json") | changes
+    content = copier_profile().model_dump(mode="json") | changes
     file = tmp_path / "copier.json"
     file.write_text(json.dumps(content))
     with pytest.raises(ToolkitError) as caught:

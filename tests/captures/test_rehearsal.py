@@ -7,23 +7,36 @@ from io import BytesIO
 import numpy as np
 import pytest
 from PIL import Image
+from print_colours import copier_profile, print_colours
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from toolkit.boosters.transforms.camera import CameraBlur, Exposure
-from toolkit.boosters.transforms.printing import PrintProcess
+from toolkit.boosters.transforms.printing import SHEEN, PrintProcess, use_profile
 from toolkit.captures.manifest import read_manifest
-from toolkit.captures.shoot import Rehearsal, ShootSettings, describe_look, make_rehearsal, shoot_plan, shoot_unit
+from toolkit.captures.shoot import (
+    Rehearsal,
+    ShootSettings,
+    describe_look,
+    make_rehearsal,
+    print_booster,
+    shoot_plan,
+    shoot_unit,
+)
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
+from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.printer import SOLIDS
 from toolkit.objects.load import load_object
 from toolkit.rig.applied.patch import PatchBooster
-from toolkit.rig.camera import Camera
-from toolkit.rig.mount import PAPER_MATERIAL
+from toolkit.rig.camera import Camera, orbit_pose, project
+from toolkit.rig.mount import PAPER, PAPER_MATERIAL, make_flat_sheet
 from toolkit.rig.plan import read_plan
+from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.shading import tone_map
+from toolkit.rig.studio import make_studio
 from toolkit.rig.variants import apply_booster, find_booster
+from toolkit.rig.views import THUMBNAIL_DETAIL
 from toolkit.rooms.photos.gates.framing import BLUR, NETWORK_SIDE_PX
 
 PLAIN = ShootSettings(backdrop="white")
@@ -37,14 +50,14 @@ def red_print(n: int = 12) -> PatchBooster:
 def test_a_solid_comes_out_in_the_colour_of_its_inks():
     """An even printer on white paper; one at random, whose inks and paper are not quite those, comes near."""
     even = PrintProcess(white=(1, 1), tint=0, density=(1, 1), chroma=(1, 1), dot_gain=(0, 0), probability=1)
-    printed = Rehearsal(even).print_booster(red_print(), 0, "crate")
+    printed = print_booster(red_print(), even, 0, "crate")
     np.testing.assert_allclose(printed.pixels[6, 6] / 255, SOLIDS[1, 0, 0], atol=1 / 255)
     assert (printed.sha256, printed.name, printed.sizes_mm) == ("0" * 64, "red", (40.0,)), "still that patch"
-    first, again, other = (Rehearsal().print_booster(red_print(), 3, name).pixels for name in ("a", "a", "b"))
+    first, again, other = (print_booster(red_print(), Rehearsal().printer, 3, name).pixels for name in ("a", "a", "b"))
     assert np.array_equal(first, again) and not np.array_equal(first, other)
     off = [np.abs(np.array(colour) - SOLIDS[1, 0, 0]).max() for colour in ((1.0, 0, 0), first[6, 6] / 255)]
     assert off[1] < off[0], "inks of any printer are nearer to these inks than the screen is"
-    assert Rehearsal().print_booster(None, 0, "crate") is None
+    assert print_booster(None, even, 0, "crate") is None
 
 
 def test_the_hand_strays_as_far_as_it_says():
@@ -154,7 +167,41 @@ def test_each_photograph_has_its_own_grain(make_crate_space, tmp_path):
     first, *others = pictures
     grey, turned, same, box = (np.corrcoef(first, one)[0, 1] for one in others)
     assert same == pytest.approx(1) and max(map(abs, (grey, turned, box))) < 0.2
-    assert describe_look(space, item, "patched", REHEARSED)["rehearsal"]["version"] == 4
+    assert describe_look(space, item, "patched", REHEARSED)["rehearsal"]["version"] == 5
+
+
+@pytest.mark.parametrize("variant", ["patched", "camouflage"])
+def test_the_margin_is_the_printers_paper_and_every_sheet_is_printed(tmp_path, make_crate_space, variant):
+    """Paper around the print is the paper below it; a sheet that shows what it hides comes out of the same printer."""
+    space = make_crate_space(tmp_path)
+    item = load_object(space.object_spec("crate"))
+    yellow = PrintProcess(white=(0.8, 0.8), tint=0, density=(0.5, 0.5), bleed_mm=(0.01, 0.01), probability=1)
+    booster = find_booster(space, item, variant)
+    texture, printed = (
+        next(m.texture for m in apply_booster(item, one).materials if m.sheet)
+        for one in (booster, print_booster(booster, yellow, 0, "crate"))
+    )
+    np.testing.assert_allclose(printed[0, 0] / 255, 0.8 * SOLIDS[1, 1, 1], atol=1 / 255)
+    middle = len(printed) // 2
+    assert np.abs(printed[middle, middle].astype(int) - texture[middle, middle]).max() > 10
+    assert print_booster(replace(booster, margin="bleed"), yellow, 0, "crate").margin == "bleed"
+
+
+def test_a_sheet_has_the_colours_that_were_photographed():
+    """Against blank paper in the same light: what the paper mirrors is not counted twice."""
+    printer = use_profile(copier_profile(), SHEEN).with_overrides(bleed_mm=(0.001, 0.001))
+    chart = np.random.default_rng(2).integers(0, 256, (3, 3, 3), np.uint8)
+    booster = print_booster(PatchBooster(chart, "", "chart", (90.0,)), printer, 0, "chart")
+    camera, pose, light = Camera.from_fov(64, 64, 40), orbit_pose(np.zeros(3), 20, 60, 250), []
+    middle = (np.arange(3) - 1) * 30.0
+    x, y = np.meshgrid(middle, -middle)
+    column, row = project(camera, pose, np.stack([x, y, 0 * x], -1).reshape(-1, 3))[0].astype(int).T
+    for pixels in (booster.pixels, np.full_like(chart, PAPER)):
+        shown = RaycastRenderer(make_flat_sheet(pixels, 90), make_studio(0, 100), THUMBNAIL_DETAIL)
+        light.append(shown.render(camera, pose)[row, column])
+    seen = light[0] / light[1] * srgb_to_linear(PAPER / np.float32(255))
+    wanted = srgb_to_linear(print_colours(copier_profile(), chart.reshape(-1, 3) / 255))
+    assert delta_e2000(lab_of_linear(seen), lab_of_linear(wanted)).max() < 1
 
 
 def test_tape_lies_over_the_printed_paper_alone(tmp_path, make_crate_space):

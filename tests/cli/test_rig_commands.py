@@ -4,13 +4,16 @@ import json
 import re
 from io import BytesIO
 
+import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from print_colours import copier_profile
 from typer.testing import CliRunner
 
 from toolkit.cli import app
 from toolkit.cli.rig import what_pairs_can_show
+from toolkit.imaging.printer import write_print_profile
 from toolkit.rig.plan import read_plan
 from toolkit.training.machine import Check
 
@@ -119,15 +122,34 @@ def test_doctor_prints_the_line_that_fixes_it(space, monkeypatch, state, code, w
     assert listed[1] == {"name": "thing", "state": state, "found": "absent [bold]", "fix": "apt install thing"}
 
 
-def test_a_rehearsal_has_a_folder_of_its_own_and_a_printer_only_with_it(space):
+def test_a_rehearsal_has_a_folder_of_its_own(space):
     shot = call("capture-sim", "--backdrop", "white", "--rehearse", "--quiet")
     assert "captures/sim-rehearsed" in shot.stdout and "next: toolkit eval" in shot.stdout
     assert len(list((space.captures_dir / "sim-rehearsed").rglob("*.jpg"))) == 4
     again = call("capture-sim", "--backdrop", "white", "--rehearse", "--json")
     assert (json.loads(again.stdout)["shot"], json.loads(again.stdout)["kept"]) == (0, 4)
     for words, said in (
-        (["--print-profile", "profile.json"], "--print-profile profile.json: goes with --rehearse"),
+        (["--print-profile", "profile.json"], "profile.json"),
         (["--rehearse", "--print-profile", "profile.json"], "profile.json"),
         (["--rehearse", "--format", "png"], "a phone's JPEGs"),
     ):
         assert said in str(call("capture-sim", *words, code=1).exception)
+
+
+def test_a_measured_printer_alone_has_a_folder_of_its_own(space):
+    """The sheet of a capture is the print of the patch; what is not printed stays as it was, pixel for pixel."""
+    file = write_print_profile(space.root / "print/profiles/copier.json", copier_profile())
+    words = "capture-sim", "--backdrop", "white", "--format", "png", "--quiet"
+    call(*words, "--source", "plain")
+    result = call(*words, "--print-profile", file)
+    assert "captures/sim-printed" in result.stdout
+    plain, printed = (space.captures_dir / name / "crate" for name in ("plain", "sim-printed"))
+    bare, worn = (
+        [np.asarray(Image.open(folder / variant / "pose_01.png"), float) for folder in (plain, printed)]
+        for variant in ("unpatched", "patched")
+    )
+    assert np.array_equal(*bare) and np.abs(worn[0] - worn[1]).max() > 30
+    again = json.loads(call(*words, "--print-profile", file, "--json").stdout)
+    assert (again["shot"], again["kept"]) == (0, 4)
+    write_print_profile(file, copier_profile(power=2.0))
+    assert json.loads(call(*words, "--print-profile", file, "--json").stdout)["shot"] == 4

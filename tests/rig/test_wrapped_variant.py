@@ -9,10 +9,14 @@ import pdfplumber
 import pytest
 from PIL import Image
 
+from toolkit.boosters.linear_view import batch_views, show_texture
+from toolkit.boosters.pixels import from_picture, quantise
+from toolkit.boosters.wrap_task import wear_grey
 from toolkit.captures.manifest import read_manifest
 from toolkit.captures.read import read_captures
-from toolkit.captures.shoot import Rehearsal, ShootSettings, shoot_plan, studio_for
+from toolkit.captures.shoot import Rehearsal, ShootSettings, print_booster, shoot_plan, studio_for
 from toolkit.core.console import quietly
+from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.results import find_training
@@ -26,6 +30,7 @@ from toolkit.rig.kernel.frame import NOTHING
 from toolkit.rig.plan import read_plan
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.renderer import view_from
+from toolkit.rig.shading import tone_map
 from toolkit.rig.variants import apply_booster, find_booster, note_booster
 from toolkit.rig.wrap_plan import plan_wrap, take_best
 from toolkit.rooms.photos.shot_list.job import write_shot_list
@@ -106,7 +111,7 @@ def test_its_place_is_the_seeds_and_its_ink_the_printers(space, crate):
     assert mesh.vertices.shape != other.vertices.shape or (mesh.vertices != other.vertices).any()
     looks = [find_booster(space, crate, "wrapped", seed=seed).describe(crate) for seed in (3, 3, 4)]
     assert looks[0] == looks[1] != looks[2]
-    printed = Rehearsal().print_booster(booster, 0, "crate").pixels
+    printed = print_booster(booster, Rehearsal().printer, 0, "crate").pixels
     assert printed.shape == booster.pixels.shape and np.abs(printed.astype(int) - booster.pixels).max() > 10
 
 
@@ -125,6 +130,21 @@ def test_what_is_printed_has_four_samples_in_every_pixel_and_the_objects_own_pap
     assert printed.sum() > 50 and refined[printed].all()
     # of the crate a wrap leaves edges alone bare
     assert variant == "wrapped" or refined[own].mean() < 0.8
+
+
+def test_training_shows_a_wrap_as_a_capture_does(space, crate):
+    """The same pieces, light and samples: noise alone is the camera's."""
+    booster = find_booster(space, crate, "wrapped", seed=3)
+    assert isinstance(booster, WrapBooster)
+    noise = np.random.default_rng(0).integers(0, 256, booster.pixels.shape, np.uint8)
+    scene, camera = studio_for(crate, ShootSettings(backdrop="white")), Camera.from_fov(96, 72)
+    pose = read_plan(space.plan_file).objects["crate"][0].matrix()
+    taken = RaycastRenderer(apply_booster(crate, replace(booster, pixels=noise)), scene).render(camera, pose)
+    grey = wear_grey(crate, booster.wrap, booster.misfit, Draws(3, 0, f"stick {crate.name}"))
+    view = RaycastRenderer(grey, scene).render_linear(camera, pose, grey.materials[len(crate.mesh.materials)].texture)
+    shown = quantise(show_texture(from_picture(noise, "cpu"), batch_views([view], "cpu"))[0])
+    apart = np.abs(shown.astype(int) - tone_map(taken, (0,), noise=0, falloff=0))[view.coverage > 0]
+    assert len(apart) > 500 and apart.max() <= 3, "light that the table throws back has another mean colour"
 
 
 def test_a_plan_with_nothing_trained_on_it_is_refused(space, crate):

@@ -180,7 +180,7 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
         length_mm = length_mm or max((base.pose or PoseRanges()).length_mm, size_mm)
         fitted |= {"pose.size_mm": size_mm, "pose.length_mm": length_mm}
     made = base.with_overrides(fitted)
-    if stated_mm is None or not isinstance(made.print_process, PrintProcess):
+    if stated_mm is None or made.print_process is None:
         return made
     return made.with_overrides({"print_process.texel_mm": stated_mm / made.size_px})  # ink bleeds by millimetres
 
@@ -217,8 +217,8 @@ def size_by_spec(overrides: Mapping[str, Any], spec: ObjectSpec) -> dict[str, An
     return {**overrides, "spec.size_mm": size_mm, "spec.length_mm": max(spec.length_mm, size_mm)}
 
 
-def use_printer(overrides: Mapping[str, Any], file: Path) -> dict[str, Any]:
-    """The overrides with the printer that a profile's file describes.
+def use_printer(overrides: Mapping[str, Any], file: Path, sheen: float = 0.0) -> dict[str, Any]:
+    """The overrides with the printer that a profile's file describes; `sheen` as `ProfiledPrint` has it.
 
     Raises:
         FieldError: printing is switched off as well.
@@ -227,7 +227,7 @@ def use_printer(overrides: Mapping[str, Any], file: Path) -> dict[str, Any]:
 
     if overrides.get("print_process") is False:
         raise FieldError("expected one of the two", {"print_process": False, "print_profile": file})
-    return {**overrides, "print_process": use_profile(read_print_profile(file))}
+    return {**overrides, "print_process": use_profile(read_print_profile(file), sheen)}
 
 
 def list_patch_inputs(config: PatchConfig, name: str, networks: list[list[object]], data_sha256: str) -> list[object]:

@@ -11,6 +11,7 @@ from toolkit.boosters.patch import TrainedPatch
 from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.pixels import Network
 from toolkit.boosters.texture import TrainedTexture
+from toolkit.boosters.transforms.printing import SHEEN
 from toolkit.boosters.validation import Validation
 from toolkit.boosters.wrap_task import TrainedWrap
 from toolkit.core.errors import FieldError
@@ -147,7 +148,7 @@ def train_wrap(
     """
     overrides = {**settings, "objects": (object_name,), "backgrounds": backgrounds, "seed": seed}
     if print_profile is not None:
-        overrides = patch_config.use_printer(overrides, print_profile)
+        overrides = patch_config.use_printer(overrides, print_profile, SHEEN)
     config = texture_config.make_wrap_config(recipe, overrides)
     return wrap_task.train_wrap(
         config, _as_list(classifiers), workspace, class_name=class_name, restart=restart, workers=workers

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.captures.shoot import ShootSettings, studio_for
+from toolkit.captures.shoot import ShootSettings, print_booster, studio_for
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes, write_text
@@ -68,7 +68,7 @@ def render(
             applied = TextureBooster(*named, texture=booster)
         else:
             applied = PatchBooster(*named, item.spec.sizes_mm(booster.size_mm), margin=booster.record.margin)
-    mesh = apply_booster(item, applied)
+    mesh = apply_booster(item, print_booster(applied, settings.printer, settings.seed, item.name))
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
     lights = renderer.render_many((camera, pose.matrix()) for pose in poses)
     # each pose has its own noise, the same as in `shoot_plan`

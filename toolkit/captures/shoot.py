@@ -11,7 +11,7 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.boosters.transforms.camera import LEAST_DEFOCUS_PX, CameraBlur, Exposure
-from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, use_profile
+from toolkit.boosters.transforms.printing import SHEEN, PrintProcess, ProfiledPrint, use_profile
 from toolkit.captures.capture import RENDERER_VERSION
 from toolkit.captures.manifest import (
     LEFT_OUT,
@@ -57,6 +57,7 @@ UNIT_SHOTS = 64
 NOT_WANTED = "of another plan or file format than the images that were shot last"
 SHOTS = Work("shot", 4)
 _painting = Lock()
+Printer = PrintProcess | ProfiledPrint
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class Rehearsal:
         jpeg_quality: of the file, with the colours at half the size.
     """
 
-    printer: PrintProcess | ProfiledPrint = field(default_factory=lambda: PrintProcess(probability=1.0))
+    printer: Printer = field(default_factory=lambda: PrintProcess(probability=1.0))
     tape_roughness: float = 0.2
     stray_share: float = 0.03
     stray_deg: float = 1.5
@@ -89,23 +90,9 @@ class Rehearsal:
     def describe(self) -> dict[str, Any]:
         """Return all settings and the version of the method, which the key of an image holds."""
         settings = {item.name: getattr(self, item.name) for item in fields(self)}
-        return {"version": 4} | {
+        return {"version": 5} | {
             name: value.model_dump() if isinstance(value, Config) else value for name, value in settings.items()
         }
-
-    def print_booster(self, booster: AppliedBooster | None, seed: int, name: str) -> AppliedBooster | None:
-        """The booster as it comes out of the printer; a texture, which is not printed, as it is."""
-        if booster is None or booster.texel_mm is None:
-            return booster
-        import torch
-
-        from toolkit.boosters.pixels import quantise  # brings torch as well, which planning does not need
-
-        # ink spreads by millimetres, however many texels a sheet has
-        printer = self.printer.with_overrides(texel_mm=booster.texel_mm)
-        pixels = torch.from_numpy(booster.pixels.transpose(2, 0, 1) / np.float32(255))
-        printed = printer.change(pixels, Draws(seed, 0, "rehearse").of(f"print {name}"))
-        return replace(booster, pixels=np.ascontiguousarray(quantise(printed)))
 
     def tape(self, mesh: Mesh) -> Mesh:
         """The mesh with tape over what is taped on it; the pieces of a wrap are glued."""
@@ -145,9 +132,43 @@ class Rehearsal:
         return encode_image(pixels, "JPEG", quality=self.jpeg_quality)
 
 
+def print_booster(
+    booster: AppliedBooster | None, printer: Printer | None, seed: int, name: str
+) -> AppliedBooster | None:
+    """The booster as it comes out of the printer; a texture, which is not printed, as it is.
+
+    Args:
+        booster: what is printed.
+        printer: inks and paper; None: colours are those of the file.
+        seed: of what the printer draws.
+        name: of the object: its sheets come out of one printer.
+    """
+    if booster is None or printer is None or booster.texel_mm is None:
+        return booster
+    # ink spreads by millimetres, however many texels a sheet has
+    to_size = printer.with_overrides(texel_mm=booster.texel_mm)
+    return booster.printed(lambda pixels: print_pixels(to_size, pixels, seed, name))
+
+
+def print_pixels(printer: Printer, pixels: np.ndarray, seed: int, name: str) -> np.ndarray:
+    """(n, n, 3) uint8 sRGB on the printer's paper of the same pixels in a file; draws depend on seed and name alone."""
+    import torch
+
+    from toolkit.boosters.pixels import quantise  # brings torch as well, which planning does not need
+
+    given = torch.from_numpy(pixels.transpose(2, 0, 1) / np.float32(255))
+    printed = printer.change(given, Draws(seed, 0, "rehearse").of(f"print {name}"))
+    return np.ascontiguousarray(quantise(printed))
+
+
 def make_rehearsal(print_profile: Path | None = None) -> Rehearsal:
     """Return the rehearsal on a random printer, or on that of a profile; a `ToolkitError` if it cannot be read."""
-    return Rehearsal() if print_profile is None else Rehearsal(use_profile(read_print_profile(print_profile)))
+    return Rehearsal() if print_profile is None else Rehearsal(read_printer(print_profile))
+
+
+def read_printer(print_profile: Path) -> ProfiledPrint:
+    """Return the printer of a profile; a `ToolkitError` if it cannot be read."""
+    return use_profile(read_print_profile(print_profile), SHEEN)
 
 
 @dataclass(frozen=True)
@@ -215,6 +236,7 @@ class ShootSettings:
         perfect: a wrap's pieces lie exactly in their places.
         coverage: share of what cameras see that a wrap's best pieces may cover, the others are left off; None: all.
         margin: what is on the paper around a patch; None: what its record states.
+        printer: inks and paper of all that is printed; None: colours are those of the file. A rehearsal has its own.
     """
 
     seed: int = 0
@@ -227,6 +249,7 @@ class ShootSettings:
     perfect: bool = False
     coverage: float | None = None
     margin: Margin | None = None
+    printer: ProfiledPrint | None = None
 
     def find_booster(self, workspace: Workspace, item: TableObject, variant: str) -> AppliedBooster | None:
         """What is put on an object; raises as `toolkit.rig.variants.find_booster`."""
@@ -459,12 +482,14 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     """
     how = asdict(settings)
     del how["perfect"], how["coverage"], how["margin"]  # said with the booster that they act on
-    for absent in [name for name in ("board", "rehearsal") if how[name] is None]:
+    for absent in [name for name in ("board", "rehearsal", "printer") if how[name] is None]:
         del how[absent]  # images from before there was one keep their hash
     if (version := RENDERERS[check_renderer(settings.renderer)].version) is not None:
         how[settings.renderer] = version
     if settings.rehearsal is not None:
         how["rehearsal"] = settings.rehearsal.describe()
+    if settings.printer is not None:
+        how["printer"] = settings.printer.model_dump()
     look = {"mesh": item.mesh_sha256, **_describe_studio(item, settings), "variant": variant, **how}
     booster = settings.find_booster(workspace, item, variant)
     if booster is not None:
@@ -492,7 +517,8 @@ def describe_made(item: TableObject, booster: AppliedBooster | None, settings: S
     studio = _describe_studio(item, settings)
     how = {name: value for name, value in asdict(settings).items() if name in ("board", "renderer")}
     rehearsal = settings.rehearsal and settings.rehearsal.describe()
-    scene = how | studio | {"rehearsal": rehearsal}
+    printed = {} if settings.printer is None else {"printer": settings.printer.model_dump()}
+    scene = how | studio | {"rehearsal": rehearsal} | printed
     made = {
         "with": f"toolkit {__version__}", "renderer": settings.renderer, "look": SHOTS.version,
         "studio": studio["studio"], "scene_sha256": sha256_json(scene), "seed": settings.seed,
@@ -531,10 +557,10 @@ def shoot_unit(
     from toolkit.rig.shading import tone_map  # brings the compiler, which needs to load only to shoot
 
     rehearsal = settings.rehearsal
-    if rehearsal is None:
-        mesh = apply_booster(item, booster)
-    else:
-        mesh = rehearsal.tape(apply_booster(item, rehearsal.print_booster(booster, settings.seed, item.name)))
+    printer = settings.printer if rehearsal is None else rehearsal.printer
+    mesh = apply_booster(item, print_booster(booster, printer, settings.seed, item.name))
+    if rehearsal is not None:
+        mesh = rehearsal.tape(mesh)
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
     pictures = renderer.render_many((camera, pose) for camera, pose, _ in places)
     taken = zip((number for _, _, number in places), pictures, strict=True)

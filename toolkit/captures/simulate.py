@@ -48,7 +48,8 @@ class SimulateConfig(Config):
     )
     print_profile: Annotated[Path | None, Flag(metavar="FILE")] = Field(
         None,
-        description="With {rehearse}: your printer, as 'toolkit print-profile' measured it. Default: one drawn.",
+        description="Show sheets and pieces in the colours of your printer, as 'toolkit print-profile' measured it. "
+        "Default: the file's colours; with {rehearse} a random printer's.",
     )
     perfect: Annotated[bool, Flag("--perfect")] = Field(
         False, description="Stick the pieces of a wrap exactly in their places, not a little beside."
@@ -61,8 +62,8 @@ class SimulateConfig(Config):
     image_format: Annotated[str, Flag("--format", metavar="jpg|png")] = Field("jpg", description="Of the images.")
     source: Annotated[str | None, Flag(metavar="NAME")] = Field(
         None,
-        description="Folder below captures/. Default: sim, or sim-PATCHES, sim-board, sim-rehearsed, sim-RENDERER, "
-        "sim-like-NAME with these options.",
+        description="Folder below captures/. Default: sim, or sim-PATCHES, sim-board, sim-rehearsed, sim-printed, "
+        "sim-RENDERER, sim-like-NAME with these options.",
     )
     like: Annotated[Path | None, Flag(metavar="FOLDER")] = Field(
         None,
@@ -187,15 +188,14 @@ def simulate_captures(
 
 
 def _make_settings(space: Workspace, config: SimulateConfig, board: str | None, seed: int) -> "ShootSettings":
-    from toolkit.captures.shoot import ShootSettings, make_rehearsal
+    from toolkit.captures.shoot import ShootSettings, make_rehearsal, read_printer
     from toolkit.rig.board_file import read_board, with_board
 
-    if config.print_profile is not None and not config.rehearse:
-        raise FieldError("goes with {rehearse}", {"print_profile": config.print_profile})
     return ShootSettings(
         seed, config.backdrop, config.light or ("side" if config.rehearse else "studio"), config.renderer,
         config.image_format, rehearsal=make_rehearsal(config.print_profile) if config.rehearse else None,
         perfect=config.perfect, margin=config.margin,
+        printer=None if config.rehearse or config.print_profile is None else read_printer(config.print_profile),
         board=None if board in (None, "none") else read_board(with_board(space, board)),
     )  # fmt: skip
 
@@ -249,6 +249,7 @@ def _shoot_plan(
         space.patch_set,
         "board" if config.board not in (None, "none") else None,
         "rehearsed" if config.rehearse else None,
+        None if settings.printer is None else "printed",
     ]
     others, remarks = _choose_others(config)
     found = []

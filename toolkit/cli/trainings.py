@@ -13,6 +13,7 @@ from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.texture_config import RECIPES as TEXTURE_RECIPES
 from toolkit.boosters.texture_config import WRAP_RECIPES, make_wrap_config
 from toolkit.boosters.texture_config import make_config as make_texture_config
+from toolkit.boosters.transforms.printing import SHEEN
 from toolkit.cli import options
 from toolkit.cli.options import Overrides, from_config
 from toolkit.cli.output import show_result, warn
@@ -166,7 +167,7 @@ def train_wrap(
     from toolkit.boosters.wrap_task import train_wrap as run
 
     if print_profile is not None:
-        overrides = use_printer(overrides, print_profile)
+        overrides = use_printer(overrides, print_profile, SHEEN)
     config = make_wrap_config(recipe, {**overrides, "seed": seed})
     place = open_workspace(workspace)
     loaded = load_networks(*networks, place.classifiers_dir)

@@ -41,7 +41,7 @@ print(mitsuba.render(mitsuba.load_dict(box), spp=1).array[0])
 """
 SAMPLES = 16
 """Rays of a pixel. A square, as the sampler stratifies them in a grid, and a power of two: LLVM's threads then share no
-pixel, so that sums have one order. Denoised, 21 of 22 answers were those of 64 samples: see `docs/how/renderers.md`."""
+pixel, so that sums have one order. `docs/how/renderers.md` compares the answers with those of 1,024 samples."""
 BOUNCES = 8
 KEY_AWAY = 60.0
 """Distance of the key light's disc in sizes of the scene: its rays then are parallel to a degree."""

@@ -23,6 +23,8 @@ ALIKE = 0.8
 """Cosine of the angle up to which two sheets face the same way."""
 SAMPLES = 81
 PAPER = (243, 243, 240)
+PaperMargin = Margin | tuple[int, int, int]
+"""What is on a sheet's paper around the patch; three sRGB codes are white paper of that colour."""
 PAPER_MATERIAL, BACK_MATERIAL = "paper", "paper-back"
 
 FindHeights = Callable[[np.ndarray, float], np.ndarray]
@@ -45,7 +47,7 @@ class MountedSheet:
     size_mm: float  # side of the patch, without the margin around it
     T_object_sheet: np.ndarray  # (4, 4), the sheet's own frame before bending: x right, y up, z off the surface
 
-    def show(self, pixels: np.ndarray, margin: Margin = "white") -> "MountedSheet":
+    def show(self, pixels: np.ndarray, margin: PaperMargin = "white") -> "MountedSheet":
         """The same sheet with other pixels (n, n, 3) uint8 sRGB printed on it."""
         paper, back = self.mesh.materials
         printed = replace(paper, texture=print_on_paper(pixels, self.size_mm, margin))
@@ -67,7 +69,12 @@ class MountedSheet:
 
 
 def mount_patch(
-    mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMount, name: str = "object", margin: Margin = "white"
+    mesh: Mesh,
+    pixels: np.ndarray,
+    size_mm: float,
+    mount: PatchMount,
+    name: str = "object",
+    margin: PaperMargin = "white",
 ) -> MountedSheet:
     """Stick a printed sheet on a side of an object.
 
@@ -132,7 +139,7 @@ def lay_sheet(mesh: Mesh, size_mm: float, mount: PatchMount, name: str, find_hei
 
 def mount_sheets(
     mesh: Mesh, pixels: np.ndarray, mounts: Sequence[PatchMount], sizes_mm: Sequence[float], name: str = "object",
-    margin: Margin = "white",
+    margin: PaperMargin = "white",
 ) -> list[MountedSheet]:  # fmt: skip
     """Stick the same patch on an object in several places, each as `mount_patch` does.
 
@@ -202,7 +209,7 @@ def wear_sheets(mesh: Mesh, sheets: Sequence[MountedSheet]) -> tuple[Mesh, np.nd
     return merge_meshes([mesh, *shared]), paper.texture
 
 
-def make_flat_sheet(pixels: np.ndarray, size_mm: float, margin: Margin = "white") -> Mesh:
+def make_flat_sheet(pixels: np.ndarray, size_mm: float, margin: PaperMargin = "white") -> Mesh:
     """A printed sheet alone on the table, its middle at the origin, right towards +x."""
     side = size_mm + 2 * TAPE_MARGIN_MM
     steps = np.linspace(-side / 2, side / 2, SAMPLES)
@@ -368,11 +375,12 @@ def size_on_paper(n_px: int, size_mm: float) -> tuple[int, int]:
     return repeat, round(TAPE_MARGIN_MM / size_mm * n_px * repeat)
 
 
-def print_on_paper(pixels: np.ndarray, size_mm: float, margin: Margin = "white") -> np.ndarray:
+def print_on_paper(pixels: np.ndarray, size_mm: float, margin: PaperMargin = "white") -> np.ndarray:
     """The sheet's picture: whole patch pixels with crisp edges on paper, (m, m, 3) uint8 sRGB."""
     repeat, margin_px = size_on_paper(len(pixels), size_mm)
     crisp = pixels.repeat(repeat, axis=0).repeat(repeat, axis=1)
     if margin == "bleed":
         which = mirror(len(crisp), margin_px)
         return crisp[which][:, which]
-    return np.stack([np.pad(crisp[..., c], margin_px, constant_values=PAPER[c]) for c in range(3)], axis=-1)
+    paper = PAPER if margin == "white" else margin
+    return np.stack([np.pad(crisp[..., c], margin_px, constant_values=paper[c]) for c in range(3)], axis=-1)

@@ -123,6 +123,10 @@ def finish_inks(
     return (thinned * as_factors(white, printed)).clamp(0, 1)
 
 
+SHEEN = 0.023
+"""`ProfiledPrint.sheen` of the rig's paper, whose roughness is 0.75: see `docs/how/renderers.md`."""
+
+
 class ProfiledPrint(ImageTransform):
     """A measured printer.
 
@@ -131,6 +135,8 @@ class ProfiledPrint(ImageTransform):
         held_out: its error, ΔE00, median on parts that it was not fitted to.
         power, exponents, coefficients, paper_linear: as in `toolkit.imaging.printer.PrintProfile`.
         bleed_mm: standard deviation of how far ink spreads, drawn for each print: profiles hold colours alone.
+        sheen: light that a renderer adds for the paper's gloss, as a share of what white scatters. Photographs of a
+            print hold it, so the ink is without it.
         texel_mm: side of a texel on paper.
         probability: that the patch is printed at all, and not shown as the file has it.
     """
@@ -145,11 +151,14 @@ class ProfiledPrint(ImageTransform):
     paper_linear: tuple[float, float, float]
     bleed_mm: Bleed = BLEED_MM
     texel_mm: Texel = printed_size_mm(1)
+    sheen: Annotated[float, Field(ge=0, lt=1)] = 0.0
     probability: Probability = 1.0
 
     @model_serializer(mode="wrap")
     def _dump(self, dump: Callable[[Config], dict[str, Any]]) -> dict[str, Any]:
-        return {"sha256" if name == "profile_sha256" else name: value for name, value in dump(self).items()}
+        settings = {"sha256" if name == "profile_sha256" else name: value for name, value in dump(self).items()}
+        # runs from before there was one keep their hash
+        return settings if self.sheen else {name: value for name, value in settings.items() if name != "sheen"}
 
     def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
         """Bleed in millimetres."""
@@ -166,8 +175,8 @@ class ProfiledPrint(ImageTransform):
             powers.append(powers[-1] * powers[1])
         terms = torch.stack([powers[r][:, 0] * powers[g][:, 1] * powers[b][:, 2] for r, g, b in self.exponents], dim=1)
         mixed = torch.einsum("bkhw,kc->bchw", terms, pixels.new_tensor(self.coefficients))
-        # the terms give shares of the light that bare paper sends back
-        return encode(mixed * pixels.new_tensor(self.paper_linear).view(1, 3, 1, 1))
+        # the terms give shares of the light that bare paper sends back: (ink + sheen) / (paper + sheen)
+        return encode(mixed * pixels.new_tensor(self.paper_linear).view(1, 3, 1, 1) + self.sheen * (mixed - 1))
 
     def describe(self) -> str:
         """For the table of settings."""
@@ -177,12 +186,12 @@ class ProfiledPrint(ImageTransform):
         )
 
 
-def use_profile(profile: "PrintProfile") -> ProfiledPrint:
-    """The transform that prints as a profile says."""
+def use_profile(profile: "PrintProfile", sheen: float = 0.0) -> ProfiledPrint:
+    """The transform that prints as a profile says, with `SHEEN` for sheets that a renderer shows."""
     return ProfiledPrint(
         name=profile.name, profile_sha256=sha256_bytes(profile.model_dump_json().encode()),
         held_out=profile.held_out.median, power=profile.power, exponents=profile.exponents,
-        coefficients=profile.coefficients, paper_linear=profile.paper_linear,
+        coefficients=profile.coefficients, paper_linear=profile.paper_linear, sheen=sheen,
     )  # fmt: skip
 
 

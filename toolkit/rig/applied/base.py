@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,8 @@ import numpy as np
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
-from toolkit.objects.spec import Margin
 from toolkit.objects.wrap import Wrap
-from toolkit.rig.mount import MountedSheet
+from toolkit.rig.mount import MountedSheet, PaperMargin
 
 GREY = 128
 """Code of the grey that controls are made of."""
@@ -35,7 +34,7 @@ class AppliedBooster(ABC):
     sizes_mm: tuple[float, ...] = ()
     alone: bool = False  # lies flat on the table, and the object is not there
     wrap: Wrap | None = None  # whose pieces are stuck on; None if there are no pieces
-    margin: Margin = "white"  # what is on the paper around the patch on each sheet
+    margin: PaperMargin = "white"  # what is on the paper around the patch on each sheet
 
     @abstractmethod
     def apply(self, item: TableObject) -> Mesh:
@@ -53,6 +52,16 @@ class AppliedBooster(ABC):
     def texel_mm(self) -> float | None:
         """Side of a texel on paper, in mm; None if the booster is not printed."""
         return None
+
+    def printed(self, change: Callable[[np.ndarray], np.ndarray]) -> "AppliedBooster":
+        """Return what is printed of it in the colours of a printer, on that printer's paper.
+
+        Args:
+            change: from (n, n, 3) uint8 sRGB of a file to the colours on paper; white becomes bare paper.
+        """
+        red, green, blue = change(np.full((1, 1, 3), 255, np.uint8))[0, 0].tolist()
+        margin: PaperMargin = "bleed" if self.margin == "bleed" else (red, green, blue)
+        return replace(self, pixels=change(self.pixels), margin=margin)
 
     @property
     def covered(self) -> float | None:

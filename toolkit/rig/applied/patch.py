@@ -1,6 +1,7 @@
 """A printed patch on an object: a sheet of paper, or several."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,10 @@ class Camouflage(PatchBooster):
     def apply(self, item: TableObject) -> Mesh:
         """Return the object with its sheets on it, each of a print of its own."""
         return attach(item.mesh, *self.sheets(item))
+
+    def printed(self, change: Callable[[np.ndarray], np.ndarray]) -> AppliedBooster:
+        """Return it in the colours of a printer: the print of each sheet."""
+        return PatchBooster.printed(replace(self, prints=tuple(map(change, self.prints))), change)
 
     def sheets(self, item: TableObject) -> list[MountedSheet]:
         """Return each sheet where the object's spec places it; raises as `mount_sheets`."""
