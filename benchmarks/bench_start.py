@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-ROUNDS = 3
+ROUNDS, UNCOUNTED = 3, 1
 IMPORT = "an import of torch"
 TOOLKIT = (sys.executable, "-m", "toolkit")
 
@@ -53,11 +53,11 @@ def measure() -> dict[str, float]:
             "demo": show,
         }
         seconds: dict[str, list[float]] = {command: [] for command in commands}
-        for turn in range(ROUNDS + 1):
+        for turn in range(UNCOUNTED + ROUNDS):
             for command, work in commands.items():
                 start = time.perf_counter()
                 work()
-                if turn:
+                if turn >= UNCOUNTED:
                     seconds[command].append(time.perf_counter() - start)
     return {command: float(np.median(taken)) for command, taken in seconds.items()}
 

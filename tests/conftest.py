@@ -1,6 +1,8 @@
 """What tests share: the data beside the checkout, where there is any."""
 
+import gc
 import os
+import sys
 from pathlib import Path
 
 # Test processes side by side share the cores; set before torch is loaded, and for the processes that tests start.
@@ -13,10 +15,16 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else every process that a tes
 import pytest
 from hypothesis import HealthCheck, settings
 
+sys.dont_write_bytecode = False  # else each run works out the assertions of all tests anew
 # a machine that is busy with something else is no fault
 settings.register_profile("steady", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("steady")
 SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+def pytest_collection_finish():
+    """What is imported by now is not searched for garbage again and again."""
+    gc.freeze()
 
 
 @pytest.fixture
@@ -50,6 +58,23 @@ def forked_workers(monkeypatch):
     from forked import parent
 
     monkeypatch.setattr("toolkit.core.child._Context", parent)
+
+
+@pytest.fixture
+def few_views(monkeypatch):
+    """Wraps are trained on 4 views and judged by 4, not by 96 and 72."""
+    from toolkit.boosters.texture_config import WRAP_RECIPES
+
+    fewer = WRAP_RECIPES["default"].model_copy(update={"studios": 1, "per_studio": 4, "held_out": 1})
+    monkeypatch.setitem(WRAP_RECIPES, "default", fewer)
+
+
+@pytest.fixture
+def forked_trials(monkeypatch):
+    """ONNX graphs are tried in processes of `forked`, not anew; what ends such a process is tested in `models`."""
+    from forked import run
+
+    monkeypatch.setattr("toolkit.models.onnx_graphs.run_python", lambda code, most_s: run(code))
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from slow_cases import mark_slow
 
 import toolkit as tk
 
@@ -93,8 +94,11 @@ def test_shapes_and_units_are_said(name, words):
     assert words in read_words(name)
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if ">>>" in (inspect.getdoc(getattr(tk, name)) or "")])
-def test_an_example_gives_what_it_says(name, tmp_path, monkeypatch):
+SHOWN = [name for name in NAMES if ">>>" in (inspect.getdoc(getattr(tk, name)) or "")]
+
+
+@pytest.mark.parametrize("name", mark_slow(SHOWN, "plan_wrap"))
+def test_an_example_gives_what_it_says(name, tmp_path, monkeypatch, few_views):
     import trimesh
 
     monkeypatch.chdir(tmp_path)

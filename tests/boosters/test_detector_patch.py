@@ -182,6 +182,7 @@ def test_a_patch_makes_its_object_found(tmp_path):
     assert on_object.patched.hits >= on_object.bare.hits
 
 
+@pytest.mark.slow
 def test_a_texture_makes_its_object_found(tmp_path):
     import trimesh
 

@@ -150,7 +150,7 @@ def test_settings_are_valid(page: str) -> None:
 QUICK: dict[str, Command] = {
     "init": [],
     "objects": [],
-    "wrap": ["--views", "8"],
+    "wrap": ["--views", "8", "--texel-mm", "3"],
     "print": [],
     "plan": ["--object", "warplane", "--count", "2", "--resolution", "160", "120"],
     "capture-sim": [],
@@ -295,7 +295,7 @@ def shot_space(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def lab(shot_space: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def lab(shot_space: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few_views: None) -> Path:
     """A copy of that workspace, to work in, with a mesh that is no object yet, and tables of other programs."""
     import trimesh
     from PIL import Image
@@ -391,6 +391,8 @@ def test_a_command_that_is_refused_is_found(lab: Path, run: Callable[[Command], 
 SMALLER = {
     "count=18": "count=2",
     "640, 480": "160, 120",
+    "steps=20": "steps=1, batch=2",
+    "pieces=6": "pieces=2, views=8, texel_mm=3.0",
 }
 """In Python blocks, what is put in the place of settings that take minutes."""
 

@@ -84,6 +84,7 @@ def test_a_poisoned_unit_fails_alone_and_says_why(engine):
         assert found[1][2].startswith(words) and "\n" not in found[1][2]
 
 
+@pytest.mark.slow
 def test_a_unit_that_kills_its_worker_is_given_up_and_the_others_are_done():
     found = outcomes(LocalPool(2), units_of(engine_work.die, *((at, 2) for at in range(6))))
     assert [(tag, result) for tag, result, _ in found] == [(0, 0), (1, 1), (2, None), (3, 3), (4, 4), (5, 5)]

@@ -70,6 +70,7 @@ def test_begun_anew_all_are_trained_again(train):
     assert all(one.patched is not None for one in patches)
 
 
+@pytest.mark.slow
 def test_a_machine_without_the_disk_sends_the_files(train, monkeypatch):
     """As a unit on Ray does, here without Ray."""
     _, _, files = train("here")

@@ -24,6 +24,7 @@ def test_a_pool_writes_the_same_bytes(look, looked):
     assert files == others
 
 
+@pytest.mark.slow
 def test_light_is_worked_out_by_the_driver_alone(look, looked, monkeypatch):
     """What is sent to a worker holds the light, and nothing that rays are cast at."""
     import pickle
@@ -71,6 +72,7 @@ def test_a_poisoned_unit_is_listed_and_its_cameras_are_left_out_everywhere(look,
     assert any(f"{len(lost)} cameras" in note for note in summary["notes"])
 
 
+@pytest.mark.slow
 def test_a_whole_place_may_fail_and_the_next_run_mends_it(look, looked, monkeypatch):
     whole, files = looked
     with monkeypatch.context() as patch:
@@ -130,6 +132,7 @@ def test_a_driver_that_is_killed_goes_on_and_does_nothing_twice(look, looked, ma
     assert find_changed(files, others) == []
 
 
+@pytest.mark.slow
 def test_a_kill_between_a_frame_and_its_answer_leaves_no_trace(look, looked):
     """The frame lies there with its line in the manifest; that nobody was asked about it yet is all that is missing."""
     _, files = looked

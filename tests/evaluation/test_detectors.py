@@ -15,6 +15,7 @@ from toolkit.models.decoders import decode_fastestdet, decode_yolox
 from toolkit.models.detector import Detections, box_iou, detector_class
 from toolkit.models.weights import WeightsFile
 
+pytestmark = pytest.mark.usefixtures("forked_trials")
 SHARED = Path(__file__).parents[2].parent / "shared"
 DETECTORS = sorted((SHARED / "detectors").glob("*.onnx"))
 needs_shared = pytest.mark.skipif(not DETECTORS, reason="needs ../shared/detectors")

@@ -8,8 +8,11 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from functools import partial
 from pathlib import Path
 from unicodedata import category
+
+import pytest
 
 from toolkit.core.child import limit_memory, run_python
 
@@ -46,6 +49,22 @@ def limited(seconds: int = LONGEST_S) -> Iterator[None]:
         signal.alarm(0)
         for one, handler in zip(signals, before, strict=True):
             signal.signal(one, handler)
+
+
+@contextmanager
+def small_pictures() -> Iterator[None]:
+    """Within, what plans and shot lists draw is a quarter as wide: how a command ends does not hang on it."""
+    from toolkit.captures import render
+    from toolkit.rig import plan_pictures
+    from toolkit.rooms.photos.shot_list import mounting
+
+    encode = plan_pictures.encode_figure
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plan_pictures, "encode_figure", lambda figure, dpi: encode(figure, dpi // 4))
+        patch.setattr(render, "draw_contact_sheet", partial(plan_pictures.draw_contact_sheet, tile_px=80))
+        for name in ("LONG_SIDE_PX", "WIDTH_PX"):
+            patch.setattr(mounting, name, getattr(mounting, name) // 4)
+        yield
 
 
 def peak(code: str) -> int:
@@ -101,7 +120,7 @@ class Sandbox:
         os.chdir(self.space_dir)
         code: object = "none"
         try:
-            with limited(), redirect_stdout(out), redirect_stderr(err):
+            with small_pictures(), limited(), redirect_stdout(out), redirect_stderr(err):
                 main()
         except SystemExit as ended:
             code = ended.code or 0

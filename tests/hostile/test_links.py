@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hostile_checks import count
 from hostile_space import EVAL, put_result
+from slow_cases import mark_slow
 from test_commands import IMPORT
 
 WRITERS = {
@@ -55,7 +56,7 @@ def written(sandbox, evaluated):
     return run
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", mark_slow(WRITERS, "place", "export meshes"))
 def test_what_is_written_may_be_a_link(sandbox, evaluated, written, name):
     outside = sandbox.root / "a" / "outside"
     places = written(WRITERS[name])

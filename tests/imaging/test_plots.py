@@ -49,8 +49,8 @@ def test_all_that_make_figures_have_the_default_style() -> None:
         if file.name == "plots.py":
             continue
         assert not any(word in text for word in ("pyplot", "FigureCanvas", "savefig")), file
-        functions = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)]
-        for node in functions if "make_figure(" in text else ():
+        nodes = ast.walk(ast.parse(text)) if "make_figure(" in text else ()
+        for node in (one for one in nodes if isinstance(one, ast.FunctionDef)):
             if "make_figure" in list_calls(node):
                 found += 1
                 assert "with_default_style" in [ast.unparse(one) for one in node.decorator_list], (file, node.name)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 import torchvision
+from slow_cases import mark_slow
 
 from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
@@ -61,7 +62,10 @@ def make_moved(network):
     return network
 
 
-@pytest.mark.parametrize("arch", ["resnet18", "mobilenet_v2", "densenet121", "timm:tf_efficientnet_lite0"])
+FOLDED = ["resnet18", "mobilenet_v2", "densenet121", "timm:tf_efficientnet_lite0"]
+
+
+@pytest.mark.parametrize("arch", mark_slow(FOLDED, "densenet121", "timm:tf_efficientnet_lite0"))
 def test_a_folded_network_answers_as_before_and_takes_the_same_gradient_back(tmp_path, arch):
     torch.manual_seed(0)
     build = torchvision.models.get_model if ":" not in arch else pytest.importorskip("timm").create_model

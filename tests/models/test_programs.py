@@ -12,6 +12,7 @@ import pytest
 import torch
 import torchvision
 from one_line import error_of
+from slow_cases import mark_slow
 
 from toolkit.core.console import quietly
 from toolkit.imaging.preprocessing import Preprocessing
@@ -242,7 +243,7 @@ HOSTILE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", HOSTILE)
+@pytest.mark.parametrize("case", mark_slow(HOSTILE, "20,000 operations"))
 def test_a_hostile_program_is_one_line_and_gives_no_answers(exported, tmp_path, case):
     change, expected = HOSTILE[case]
     file = rewrite(exported / "two.pt2", tmp_path / "bad.pt2", change)

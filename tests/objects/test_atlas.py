@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from kernel_samples import sample
+from slow_cases import mark_slow
 
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.atlas import apply_texture, dilate, make_atlas, take_paint
@@ -97,7 +98,7 @@ def test_a_texture_of_coordinates_comes_back_to_half_a_texel(bare, name):
     assert np.abs(at[:, :2] - wanted).max() <= 0.5 + 1e-3
 
 
-@pytest.mark.parametrize("name", ["racer", "coffeepot"])
+@pytest.mark.parametrize("name", mark_slow(["racer", "coffeepot"], "racer"))
 def test_every_visible_texel_of_a_built_in_object_is_covered(name):
     mesh, n = build_mesh(name), 1024
     atlas = make_atlas(mesh, n)
@@ -242,7 +243,7 @@ def test_paint_of_finer_pictures_is_their_mean_light():
     assert np.abs(take_paint(make_atlas(mesh, 16), mesh).astype(int) - 188).max() < 12
 
 
-@pytest.mark.parametrize("unwrap", [False, True])
+@pytest.mark.parametrize("unwrap", mark_slow([False, True], True))
 def test_in_its_paint_an_object_looks_as_before(unwrap):
     mesh, n = build_mesh("eggnog"), 384
     atlas = make_atlas(mesh, n, unwrap=unwrap)

@@ -219,7 +219,7 @@ def read_svg(file):
     return found
 
 
-@pytest.mark.parametrize(("kind", "read"), [("dxf", read_dxf), ("svg", read_svg)])
+@pytest.mark.parametrize(("kind", "read"), [("dxf", read_dxf), pytest.param("svg", read_svg, marks=pytest.mark.slow)])
 def test_cut_files_hold_the_outlines_of_the_record(space, wrap, printed, kind, read, tmp_path):
     if kind != "dxf":
         printed = print_wrap(space, "ring", wanted=WrapSettings(cut=kind), out=tmp_path)
@@ -330,6 +330,7 @@ def test_numbers_find_paper_on_a_crowded_page_or_none():
     assert place_numbers(page, [page], [14.0]) == [None]
 
 
+@pytest.mark.slow
 def test_a_roll_takes_all_pieces_on_one_length(space, wrap, tmp_path):
     printed = print_wrap(space, "ring", wanted=WrapSettings(roll_mm=600), out=tmp_path)
     assert printed.pages == 2

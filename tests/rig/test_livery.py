@@ -173,6 +173,7 @@ def test_pictures_that_cannot_be_on_pieces_in_one_line(space: Workspace):
             WrapConfig(**wrong)
 
 
+@pytest.mark.slow
 def test_the_command_cuts_a_picture_and_says_what_comes_next(space: Workspace):
     words = ["wrap", "--object", "carton", "--picture", "livery.png", "--views", "8"]
     said = CliRunner().invoke(app, words).stdout

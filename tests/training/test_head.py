@@ -20,6 +20,7 @@ from toolkit.models.load import load_classifier
 from toolkit.training.head import fit_linear, fit_means, train_head
 from toolkit.training.head_config import HeadConfig
 
+pytestmark = pytest.mark.usefixtures("forked_trials")
 PX, WIDTH = 32, 12
 
 

@@ -34,6 +34,7 @@ def test_a_regressor_finds_the_line_that_its_data_lie_on():
     assert torch.allclose(torch.from_numpy(found["weight"]), Regressor.TRUE, atol=0.02)
 
 
+@pytest.mark.slow
 def test_kill_9_then_the_same_again_ends_with_the_same_bytes(tmp_path):
     train_killed(KILLED, tmp_path / "killed", is_forked=False)
     whole, resumed = (train_regressor(tmp_path / name) for name in ("whole", "killed"))

@@ -11,6 +11,7 @@ from forked import TOOLKIT, run, run_two
 from killed_runs import train_killed
 from PIL import Image
 from safetensors.torch import load_file, save_file
+from slow_cases import mark_slow
 from tiny_network import tiny_config, train_tiny, write_photos
 from torch.nn.functional import softmax
 from typer.testing import CliRunner
@@ -241,7 +242,10 @@ def test_the_fifth_is_the_same_in_every_run_and_takes_classes_of_one_photograph(
     assert [(one.label, one.path.name) for one in find_photographs(tmp_path / "elsewhere", 0.2).held_out] == names
 
 
-@pytest.mark.parametrize("settings", [{"checkpoints": 3, "flat": "sam"}, {"flat": "swa", "robust": "l2:0.5"}])
+SAM, SWA = {"checkpoints": 3, "flat": "sam"}, {"flat": "swa", "robust": "l2:0.5"}
+
+
+@pytest.mark.parametrize("settings", mark_slow([SAM, SWA], SWA))
 def test_a_killed_run_goes_on_to_the_same_bytes(settings, colours, tmp_path):
     whole, killed = make_space(tmp_path / "whole"), make_space(tmp_path / "killed")
     refine(whole, colours, **settings)

@@ -78,6 +78,7 @@ def test_the_record_says_how_it_was_trained_and_how_it_holds(pair):
     assert usual.record.held_out.under_attack is None
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_an_interrupted_run_too(colours, tmp_path, monkeypatch):
     spaces = [make_workspace(tmp_path / name) for name in ("one", "two")]
 

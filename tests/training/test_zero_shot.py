@@ -8,6 +8,7 @@ import pytest
 import torch
 from colour_folder import write_colours
 from one_line import error_of
+from slow_cases import mark_slow
 from two_towers import COLOURS, answer_in_numpy, draw_colours, train_towers, write_towers
 
 from toolkit.core.workspace import make_workspace
@@ -19,6 +20,7 @@ from toolkit.models.prompts import make_prompts, read_class_names
 from toolkit.models.text_towers import TextTower, load_text_tower
 from toolkit.training.zero_shot import make_zero_shot
 
+pytestmark = pytest.mark.usefixtures("forked_trials")
 TEMPLATES = ["a photo of a {}.", "the {c} thing", "a {label}"]
 NAMES = list(COLOURS)
 
@@ -211,7 +213,7 @@ def write_open_clip(folder, squash: bool):
     return library
 
 
-@pytest.mark.parametrize("squash", [False, True])
+@pytest.mark.parametrize("squash", mark_slow([False, True], False))
 def test_the_answers_are_those_of_open_clips_own_code(tmp_path, squash):
     from PIL import Image
 

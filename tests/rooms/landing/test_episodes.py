@@ -44,6 +44,7 @@ def test_it_lands_with_a_perfect_regressor_in_wind() -> None:
         assert all(3 < one.time_s < 20 and one.path_m > 4 for one in episodes)
 
 
+@pytest.mark.slow
 def test_a_late_answer_upsets_the_papers_gains() -> None:
     late = run(noisy(0.0), list(range(8)), "paper", latency_s=0.1)
     assert np.mean([one.time_s for one in late]) > 1.5 * np.mean(

@@ -70,6 +70,7 @@ def test_flights_of_an_older_method_are_not_mixed_in(
     assert [fly_all(space, QUICK, seed=2).made for _ in range(2)] == [2, 0]
 
 
+@pytest.mark.slow
 def test_more_pixels_find_a_tag_from_higher_up(tmp_path: Path) -> None:
     space = make_workspace(tmp_path / "work")
     high = QUICK.with_overrides({"episodes": 1, "episode.start_height_m": (6.0, 6.4), "episode.time_limit_s": 1.0})
@@ -85,6 +86,7 @@ def test_regressors_see_as_they_were_trained(tmp_path: Path) -> None:
         fly_all(space, QUICK.with_overrides(regressors=("random",), image_px=500), seed=2)
 
 
+@pytest.mark.slow
 def test_a_film_shows_the_episode(flown: tuple[Workspace, Flown], tmp_path: Path) -> None:
     space, made = flown
     record = made.records[0]

@@ -46,7 +46,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
         arch="shufflenet_v2_x0_5",
         pool="average",
         init=write_start(space.root / "start.pth"),
-        epochs=40,
+        epochs=28,
         batch=32,
         lr=3e-3,
         probe=False,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from crate_bench import CAMERA, CrateBench
 from PIL import Image
+from slow_cases import mark_slow
 
 from toolkit.core.console import quietly
 from toolkit.objects.load import load_object
@@ -106,12 +107,12 @@ def test_a_piece_that_is_missing_is_named(bench):
         assert result.failed == is_named
 
 
-def test_from_too_far_or_without_a_pose_it_is_not_checked(bench):
-    for shown in ((0, 1, 2), ()):
-        for variant in ("wrapped", "unpatched"):
-            assert bench.check(bench.shoot(FAR, shown), FAR, variant).status == "not checked"
-            result = bench.check(bench.shoot(ABOVE, shown), ABOVE, variant, with_pose=False)
-            assert result.status == "not checked" and "no board is seen" in result.advice
+@pytest.mark.parametrize("shown", mark_slow([(0, 1, 2), ()], ()))
+def test_from_too_far_or_without_a_pose_it_is_not_checked(bench, shown):
+    for variant in ("wrapped", "unpatched"):
+        assert bench.check(bench.shoot(FAR, shown), FAR, variant).status == "not checked"
+        result = bench.check(bench.shoot(ABOVE, shown), ABOVE, variant, with_pose=False)
+        assert result.status == "not checked" and "no board is seen" in result.advice
 
 
 @pytest.mark.parametrize(("pieces", "shown"), [((0, 1, 2), "wrapped"), ((), "unpatched")])

@@ -163,6 +163,7 @@ def test_a_wrong_table_is_one_clear_line(space, photos, tmp_path, rows, heading,
     assert words in str(caught.value) and "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_long_table_takes_work_in_proportion(tmp_path):
     """300,000 lines took an hour: poses were looked for in a list, and photographs once more for each line."""
     photo = Photo(Path("0.jpg"), "0" * 64, "jpeg", 640, 480)

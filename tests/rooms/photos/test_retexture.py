@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import cache
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
@@ -44,13 +45,20 @@ def print_truth(pixels: np.ndarray) -> np.ndarray:
     return 0.03 + srgb_to_linear(pixels / 255.0) @ INKS.T
 
 
-def photograph(
-    pixels: np.ndarray, seed: int = 0, blur_px: float = 0.7, noise: float = 1.5, wave: float = 0.0
+def photograph(pixels: np.ndarray, **how: float) -> np.ndarray:
+    """See `_photograph`; each is drawn once."""
+    return _photograph(pixels.tobytes(), **how).copy()
+
+
+@cache
+def _photograph(
+    content: bytes, seed: int = 0, blur_px: float = 0.7, noise: float = 1.5, wave: float = 0.0
 ) -> np.ndarray:
     """(480, 640, 3) uint8: the patch on a table, drawn at four times the size, with falling light, blur and noise.
 
     `wave`: how far the sheet's own waves move its texels, in texels.
     """
+    pixels = np.frombuffer(content, np.uint8).reshape(N, N, 3)
     rng = np.random.default_rng(seed)
     table = cv2.GaussianBlur(np.random.default_rng(5).normal(0.3, 0.25, (480, 640, 1)), (0, 0), 4)[..., None]
     table = np.clip(0.25 + 3 * (table - 0.3), 0.05, 0.6).repeat(3, 2)
@@ -150,6 +158,7 @@ def test_another_patch_looks_as_if_it_had_been_photographed(tmp_path: Path) -> N
     assert 0.8 < grain[0] / grain[1] < 1.25
 
 
+@pytest.mark.slow
 def test_colours_are_read_where_waves_of_the_paper_move_the_texels(tmp_path: Path) -> None:
     old = make_patch(1)
     fitted = fit_photo(save(tmp_path / "a.png", photograph(old, wave=0.6)), [KnownPatch("old", old)])
@@ -246,6 +255,7 @@ def test_a_patch_that_is_there_twice_is_refused(tmp_path: Path) -> None:
         fit_photo(save(tmp_path / "a.png", np.concatenate([image, image], axis=1)), [KnownPatch("old", old)])
 
 
+@pytest.mark.slow
 def test_a_patch_half_outside_is_refused_and_one_that_is_mostly_inside_is_not(tmp_path: Path) -> None:
     old, image = make_patch(1), photograph(make_patch(1))
     with pytest.raises(ToolkitError, match=r"(only \d+% of the patch 'old' shows|the patch 'old' was not found)"):
@@ -257,6 +267,7 @@ def test_a_patch_half_outside_is_refused_and_one_that_is_mostly_inside_is_not(tm
     assert np.median(apart(predicted, truth)[there]) < 4 < np.median(apart(fitted.image, truth)[there])
 
 
+@pytest.mark.slow
 def test_what_glass_mirrors_lies_over_the_new_patch_too(tmp_path: Path) -> None:
     """A veil of a tenth over all of it is light like any other; a lamp's reflection hides what is under it."""
     old, new = make_patch(1), make_patch(2)

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from slow_cases import mark_slow
 from walled_field import make_field
 
 from toolkit.core.errors import FieldError, ToolkitError
@@ -29,6 +30,26 @@ SKIES = [make_sky("afternoon", 0, 32), make_sky("dusk", 0, 32)]
 SETTINGS = PreviewSettings((64, 64), (64, 64), 200, 0.4)
 VIEWS = ("street", "roof", "air")
 PICTURES = {f"{look}-{view}.jpg" for look in ("afternoon", "afternoon-fog-1", "dusk") for view in VIEWS}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def chosen_once():
+    """What takes most of the time of so little, and is tested beside: viewpoints and flights in a world."""
+    chosen: dict[tuple[object, ...], object] = {}
+
+    def keep(name, choose):
+        def get(world, *given):
+            key = name, world.sha256, repr(given)
+            if key not in chosen:
+                chosen[key] = choose(world, *given)
+            return chosen[key]
+
+        return get
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("choose_viewpoints", "plan_flight"):
+            patch.setattr(preview, name, keep(name, getattr(preview, name)))
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +98,10 @@ def test_what_is_lost_or_damaged_is_made_again_with_the_same_bytes(field, folder
     assert read_all(folder) == before
 
 
-@pytest.mark.parametrize("content", [b"{", b'{"files": 3}', b"\xff\xfe"])
+@pytest.mark.parametrize(
+    "content",
+    mark_slow([b"{", b'{"files": 3}', b"\xff\xfe"], b"{", b'{"files": 3}'),
+)
 def test_a_damaged_record_costs_time_alone(field, folder, content) -> None:
     (folder / "preview.json").write_bytes(content)
     short = replace(SETTINGS, film_s=0)
@@ -85,6 +109,7 @@ def test_a_damaged_record_costs_time_alone(field, folder, content) -> None:
     assert set(again.made) == {f"dusk-{view}.jpg" for view in VIEWS} | {"map.png"}
 
 
+@pytest.mark.slow
 def test_the_work_ahead_is_all_of_it_and_a_frame_is_less_than_a_picture(field, folder, monkeypatch) -> None:
     """Or the time left, which the bar foresees by what was done, is wrong by as much."""
     counts: list[tuple[int, list[int]]] = []
@@ -112,6 +137,7 @@ def test_another_seed_makes_all_anew(field, first, folder) -> None:
     assert (folder / "afternoon-street.jpg").read_bytes() != (first.folder / "afternoon-street.jpg").read_bytes()
 
 
+@pytest.mark.slow
 def test_an_interrupted_film_goes_on(field, first, folder, monkeypatch) -> None:
     (folder / "flythrough.mp4").unlink()
     written = preview.write_bytes

@@ -265,6 +265,7 @@ def test_a_tampered_score_is_found(entry, tamper):
     assert rescore(entry)
 
 
+@pytest.mark.slow
 def test_a_score_by_other_judges_lies_beside_the_first(entry, tmp_path, capsys):
     make_up_score(entry, EVEN)
     first = read_folder(entry / SCORE)

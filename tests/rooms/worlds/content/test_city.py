@@ -35,6 +35,7 @@ def corners_of(world: World) -> np.ndarray:
     return world.mesh.vertices[world.mesh.faces].astype(np.float64)
 
 
+@pytest.mark.slow
 def test_the_same_seed_is_the_same_city_and_another_is_another() -> None:
     one, same, other = build_city(1, (1, 1)), build_city(1, (1, 1)), build_city(2, (1, 1))
     assert one.sha256 == same.sha256

@@ -141,6 +141,7 @@ def test_fog_hides_what_is_far_and_dust_is_tan(finished: WorldRun) -> None:
         assert red > blue + 20
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_whatever_batch_and_threads(in_field, make_crate_space, tmp_path, finished) -> None:
     threads = torch.get_num_threads()
     found = []
@@ -171,6 +172,7 @@ def test_an_answer_is_computed_once(in_field, make_crate_space, tmp_path) -> Non
     assert other.kept == 0
 
 
+@pytest.mark.slow
 def test_another_run_of_that_name_goes_beside(in_field, make_crate_space, tmp_path) -> None:
     """Neither result nor pictures of the first are touched; what is asked again is the first again."""
     space, network = make_crate_space(tmp_path), make_onlooker()
@@ -189,6 +191,7 @@ def test_another_run_of_that_name_goes_beside(in_field, make_crate_space, tmp_pa
     assert again.files.summary.parent.name == "one" and again.computed == 0 and read_all(again) == before
 
 
+@pytest.mark.slow
 def test_a_cut_log_goes_on_where_it_was(in_field, make_crate_space, tmp_path) -> None:
     space = make_crate_space(tmp_path)
     first = evaluate_world(space, make_onlooker(), make_config())

@@ -153,6 +153,7 @@ def test_results_say_who_made_the_pictures_and_need_it_no_more(asked, tmp_path, 
     assert again.files.predictions.read_bytes() == first.files.predictions.read_bytes()
 
 
+@pytest.mark.slow
 def test_another_simulators_pictures_are_shot_and_answered_anew(asked, tmp_path, make_crate_space, in_field) -> None:
     space = make_crate_space(tmp_path)
     with run_in(make_fake(asked)) as run:
