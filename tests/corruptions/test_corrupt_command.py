@@ -227,3 +227,11 @@ def test_other_settings_need_another_folder(photos, tmp_path):
 def test_a_size_that_no_network_takes_is_one_line_before_anything_is_read(tmp_path, size_px):
     with pytest.raises(ToolkitError, match=rf"size {size_px} px is too (small|large): choose"):
         corrupt_images(tmp_path, tmp_path / "out", [("fog", 1)], size_px=size_px)
+
+
+def test_another_method_needs_another_folder(photos, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    run(photos, out, "--corrupt", "fog", "--severity", 3)
+    monkeypatch.setattr("toolkit.corruptions.folder.METHOD", 2)
+    code, _, said = run(photos, out, "--corrupt", "fog", "--severity", 3)
+    assert code == 2 and "method 1, not 2: name another folder" in said

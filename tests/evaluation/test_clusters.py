@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, t
 
-from toolkit.evaluation.metrics import estimate_difference, estimate_share
+from toolkit.evaluation.metrics import ClusterBootstrap, estimate_difference, estimate_share
 
 
 def draw(rng, n_classes, sizes=(1, 12), spread=1.2):
@@ -68,3 +68,21 @@ def test_where_nothing_can_be_told():
         found = estimate_share(np.full(12, value), np.repeat(np.arange(6), 2))
         assert found == (value, pytest.approx((exact.low, exact.high)))
     assert estimate_share(np.array([1, 1, 1, 0.0]), two)[1] == (0.0, 1.0)  # two classes: far outside, cut off
+
+
+@pytest.mark.parametrize("scale", [1, 7])
+def test_bootstrap_without_spread_is_not_certain(scale):
+    """Three places, of which the last is apart: what a bin of one place, or of equal answers, may say."""
+    places = np.repeat([0, 1, 2], 4 * scale)
+    bootstrap = ClusterBootstrap.of(places, 3)
+    mixed, right = np.arange(len(places)) % 4 > 0, np.ones(len(places), bool)
+    # a single place says nothing of others
+    assert bootstrap.estimate(mixed, places == 2) == (0.75, None)
+    # all right or all wrong: each place is a trial, as in `estimate_share`
+    assert bootstrap.estimate(right) == estimate_share(right.astype(float), places)
+    assert bootstrap.estimate(~right) == (0.0, pytest.approx((0.0, 0.5615), abs=1e-4))
+    # equal shares of all places, and differences that are all 0, have no interval
+    assert bootstrap.estimate(mixed) == (0.75, None)
+    assert bootstrap.estimate(np.zeros(len(places))) == (0.0, None)
+    low, high = bootstrap.estimate(places > 0)[1]
+    assert low < 2 / 3 <= high

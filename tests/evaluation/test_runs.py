@@ -11,7 +11,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.compare import compare_runs
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.evaluation.predictions_csv import DETECTION_COLUMNS
+from toolkit.evaluation.predictions_csv import DETECTION_COLUMNS, read_predictions
 from toolkit.evaluation.summaries import CLEAR, MEAN, find_runs, open_run, parse_where, pick_rows
 from toolkit.rooms.benchmarks.corruptions.benchmark_means import summarise
 
@@ -265,3 +265,11 @@ def test_a_detectors_run_is_right_where_it_found_the_object(workspace):
     found = compare_runs(workspace, open_run(workspace, "before"), open_run(workspace, "after"))
     (flip,) = found.flips
     assert (flip.first.top1_label, flip.second.top1_label, flip.is_gained) == ("dog", "car", True)
+
+
+@pytest.mark.parametrize("cell", ["TRUE", "1.0", "yes"])
+def test_a_truth_value_that_another_program_wrote_is_an_error(workspace, cell):
+    """It was taken for a miss."""
+    write_detections(workspace, "saved", (1, cell))
+    with pytest.raises(ToolkitError, match=f"'{cell}': expected 0 or 1"):
+        read_predictions(open_run(workspace, "saved"), workspace.captures_dir)

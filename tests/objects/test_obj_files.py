@@ -284,3 +284,19 @@ def test_a_foreign_path_is_followed_as_far_as_its_folders_lie_here(folder):
 def test_what_else_is_left_out_is_noted(folder, capsys, more, words):
     read_mesh(write(folder, "map_Kd tex.png", SQUARE + more))
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("written", ["0.5 0.2 0.1", "128 51 26"])
+def test_colours_of_vertices_are_of_one_or_of_255(tmp_path, written):
+    corners = ("0 0 0", "1 0 0", "0 1 0", "0 0 1")
+    faces = "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (tmp_path / "a.obj").write_text("".join(f"v {corner} {written}\n" for corner in corners) + faces)
+    (material,) = read_mesh(tmp_path / "a.obj").materials
+    assert (material.texture == (128, 51, 26)).all()
+
+
+def test_a_fraction_a_little_above_one_is_white(tmp_path):
+    (tmp_path / "a.obj").write_text(
+        "".join(f"v {x} 1.001 1.001 1.001\n" for x in ("0 0 0", "1 0 0", "0 1 0")) + "f 1 2 3\n"
+    )
+    assert (read_mesh(tmp_path / "a.obj").materials[0].texture == 255).all()

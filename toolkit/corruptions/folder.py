@@ -5,12 +5,12 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from toolkit.core.config import FileRecord
+from toolkit.core.config import FileRecord, Later
 from toolkit.core.console import progress
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
@@ -25,6 +25,7 @@ from toolkit.imaging.read import UnreadableImage, encode_image, find_files, read
 
 SETTINGS_FILE = "corruption.json"
 LOG_FILE = "corrupted.jsonl"
+METHOD = 1
 
 
 class FolderSettings(FileRecord):
@@ -36,6 +37,7 @@ class FolderSettings(FileRecord):
         seed: seed of the run.
         size_px: side that the images were resized and cropped to, None for their own.
         image_format: png or jpg.
+        method: version of the corruptions; raise `METHOD` if the same inputs give other pixels.
     """
 
     schema_version: Literal[1] = 1
@@ -44,6 +46,7 @@ class FolderSettings(FileRecord):
     seed: int = 0
     size_px: int | None = None
     image_format: str = "png"
+    method: Annotated[int, Later] = 1
 
 
 class CorruptedFile(BaseModel):
@@ -66,8 +69,8 @@ def claim_folder(folder: Path, settings: FolderSettings) -> None:
         write_json(file, settings.model_dump())
         return
     before = read_json(file, FolderSettings)
-    for name, wanted in settings.model_dump().items():
-        found = getattr(before, name)
+    for name in FolderSettings.model_fields:
+        wanted, found = getattr(settings, name), getattr(before, name)
         if found != wanted:
             raise ToolkitError(
                 f"{folder} holds images of {name} {found}, not {wanted}: name another folder to write to"
@@ -256,7 +259,7 @@ def corrupt_images(
     # the settings of the folder are checked against those of an earlier run
     alone = plan[0] if len(plan) == 1 else (None, None)
     settings = FolderSettings(
-        corruption=alone[0], severity=alone[1], seed=seed, size_px=size_px, image_format=image_format
+        corruption=alone[0], severity=alone[1], seed=seed, size_px=size_px, image_format=image_format, method=METHOD
     )
     places = {item: "" if len(plan) == 1 else f"{item[0]}/{item[1]}/" for item in plan}
     log = RecordLog(out / LOG_FILE, CorruptedFile)

@@ -114,11 +114,19 @@ class ClusterBootstrap:
             return (weights @ total) / (weights @ n)
 
     def estimate(self, values: np.ndarray, among: np.ndarray | None = None) -> tuple[float | None, Interval | None]:
-        """Return mean and 95 % interval over clusters; None without items, no interval for a single cluster."""
+        """Return mean and 95 % interval over clusters; None without items, no interval if all are of one cluster.
+
+        Without any spread the interval is that of `estimate_share` for truth values, and None for others.
+        """
         found = self.shares(values, among)
         if np.isnan(found[0]):
             return None, None
-        return float(found[0]), percentile_interval(found[1:]) if len(self.weights) else None
+        clusters = len(np.unique(self.cluster_of if among is None else self.cluster_of[among]))
+        mean, interval = float(found[0]), percentile_interval(found[1:]) if clusters > 1 else None
+        if interval and interval[0] == interval[1]:
+            is_certain = values.dtype == bool and mean in (0, 1)
+            interval = wilson_interval(round(mean) * clusters, clusters) if is_certain else None
+        return mean, interval
 
     def sign_p(self, change: np.ndarray) -> float:
         """Return the exact p of the signs of the clusters' mean changes (n,)."""

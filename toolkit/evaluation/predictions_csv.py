@@ -113,6 +113,8 @@ def _parse(cell: str, kind: type) -> Any:
     if not cell:
         return None
     if kind is bool:
+        if cell not in ("0", "1"):
+            raise ValueError(f"'{shorten(cell, MOST_SHOWN)}': expected 0 or 1")
         return cell == "1"
     if kind is str:
         return cell

@@ -28,16 +28,29 @@ LINEAR_SRGB_OF_ADOBE = np.array(
     [[1.3983557, -0.3983557, 0.0], [0.0, 1.0, 0.0], [0.0, -0.0429290, 1.0429290]], np.float32
 )
 """Adobe RGB (1998): the primaries but for green's, and the white, are sRGB's."""
+LINEAR_SRGB_OF_P3 = np.array(
+    [[1.2249402, -0.2249402, 0.0], [-0.0420570, 1.0420570, 0.0], [-0.0196376, -0.0786361, 1.0982735]], np.float32
+)
+"""Display P3: SMPTE EG 432-1's primaries with sRGB's white and tone curve."""
 ROWS_AT_ONCE = 256
 
 
 def adobe_to_srgb(codes: np.ndarray) -> np.ndarray:
     """(h, w, 3) uint8 of Adobe RGB (1998) as uint8 sRGB; what sRGB cannot show is cut."""
-    light = (np.arange(256, dtype=np.float32) / 255) ** np.float32(ADOBE_GAMMA)
+    return _to_srgb(codes, (np.arange(256, dtype=np.float32) / 255) ** np.float32(ADOBE_GAMMA), LINEAR_SRGB_OF_ADOBE)
+
+
+def p3_to_srgb(codes: np.ndarray) -> np.ndarray:
+    """(h, w, 3) uint8 of Display P3 as uint8 sRGB; what sRGB cannot show is cut."""
+    return _to_srgb(codes, LINEAR_OF_CODE, LINEAR_SRGB_OF_P3)
+
+
+def _to_srgb(codes: np.ndarray, light: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Convert codes by the light of each, (256,) float32, and the matrix to linear sRGB."""
     code_of_light = np.round(linear_to_srgb(np.arange(65536) / 65535) * 255).astype(np.uint8)
     converted = np.empty_like(codes)
     for start in range(0, len(codes), ROWS_AT_ONCE):  # a whole photograph would take twelve bytes a value
-        part = light[codes[start : start + ROWS_AT_ONCE]] @ LINEAR_SRGB_OF_ADOBE.T
+        part = light[codes[start : start + ROWS_AT_ONCE]] @ matrix.T
         converted[start : start + ROWS_AT_ONCE] = code_of_light[(np.clip(part, 0, 1) * 65535 + 0.5).astype(np.uint16)]
     return converted
 

@@ -18,7 +18,7 @@ from PIL import ExifTags, Image, ImageCms, ImageOps
 from toolkit.core.errors import ToolkitError, foreign_code
 from toolkit.core.files import open_plain, real_path, walk_folders
 from toolkit.core.lazy import cv2
-from toolkit.imaging.colour import adobe_to_srgb
+from toolkit.imaging.colour import adobe_to_srgb, p3_to_srgb
 
 IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".heic", ".heif", ".avif", ".bmp", ".gif")
@@ -35,6 +35,10 @@ MAX_TEXTURE_PX = 8192
 MAX_SIDE_PX = 65_535
 """Longest side of a photograph: JPEG allows no more, and a line of a million pixels is no photograph."""
 MID_GREY = 128
+P3_PRIMARIES, HDR_TRANSFERS = 12, (16, 18)
+"""Of a HEIC without a profile: Display P3's, PQ and HLG (ITU-T H.273)."""
+SAME_CODES = 3
+"""Rounding of a profile's tables, in 8-bit codes."""
 DRAFT_MARGIN = 2
 
 
@@ -98,6 +102,9 @@ def open_image(path: Path, content: bytes | None = None) -> Iterator[Image.Image
         stream.seek(0)
         with Image.open(stream, formats=_list_readers(FORMATS)) as image:
             _check_size(path, *image.size)
+            nclx = image.info.get("nclx_profile") or {}
+            if nclx.get("transfer_characteristics") in HDR_TRANSFERS and not image.info.get("icc_profile"):
+                raise UnreadableImage(path, "an HDR picture (PQ or HLG): save it as JPEG, or photograph without HDR")
             yield image
 
 
@@ -286,19 +293,23 @@ def _turn_upright(image: Image.Image) -> Image.Image:
 def _to_rgb(image: Image.Image) -> Image.Image:
     # read first: conversions drop them
     profile, is_adobe = image.info.get("icc_profile"), _is_adobe_rgb(image)
+    nclx = image.info.get("nclx_profile") or {}
     image = _to_eight_bits(image)
-    # palettes and grey with transparency become plain RGBA
-    if image.mode in ("P", "PA", "LA", "RGBa", "La") or "transparency" in image.info:
+    # palettes become plain RGB, and transparency a channel
+    if image.mode in ("P", "PA", "RGBa", "La") or "transparency" in image.info:
         has_alpha = image.mode != "P" or "transparency" in image.info
-        image = image.convert("RGBA" if has_alpha else "RGB")
-    alpha = image.getchannel("A") if image.mode == "RGBA" else None
+        # grey stays grey, as a profile of grey fits nothing else
+        image = image.convert("LA" if image.mode in ("L", "La") else "RGBA" if has_alpha else "RGB")
+    alpha = image.getchannel("A") if image.mode in ("LA", "RGBA") else None
     if alpha is not None:
-        image = image.convert("RGB")
-    # colours become sRGB, by the embedded profile or Adobe's mark
+        image = image.convert("L" if image.mode == "LA" else "RGB")
+    # colours become sRGB, by the embedded profile, Adobe's mark or the numbers of a HEIC
     if profile:
         image = _to_srgb(image, profile)
     elif is_adobe and image.mode == "RGB":
         image = Image.fromarray(adobe_to_srgb(np.asarray(image)))
+    elif nclx.get("color_primaries") == P3_PRIMARIES and image.mode == "RGB":
+        image = Image.fromarray(p3_to_srgb(np.asarray(image)))
     image = image if image.mode == "RGB" else image.convert("RGB")
     # transparent pixels show a mid grey
     if alpha is None:
@@ -336,9 +347,13 @@ def _to_srgb(image: Image.Image, profile: bytes) -> Image.Image:
     # a broken or foreign profile is common in shared photographs, and no reason to refuse the pixels
     with contextlib.suppress(ImageCms.PyCMSError, OSError, ValueError, TypeError):
         source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
-        if "sRGB" in ImageCms.getProfileDescription(source):
-            return image
-        converted = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
+        target = ImageCms.createProfile("sRGB")
+        if "sRGB" in ImageCms.getProfileDescription(source) and image.mode == "RGB":
+            # "Linear sRGB" is called so as well: the profile must leave a mid grey as it is
+            grey = ImageCms.profileToProfile(Image.new("RGB", (1, 1), (MID_GREY,) * 3), source, target)
+            if grey is None or max(abs(code - MID_GREY) for code in np.asarray(grey).ravel().tolist()) <= SAME_CODES:
+                return image
+        converted = ImageCms.profileToProfile(image, source, target, outputMode="RGB")
         return image if converted is None else converted
     return image
 

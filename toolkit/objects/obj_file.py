@@ -19,7 +19,7 @@ from toolkit.objects.limits import check_corners
 from toolkit.objects.mesh import Material
 from toolkit.objects.mtl_file import ObjMaterial, decode_text, find_libraries, read_library
 from toolkit.objects.named_files import find_named
-from toolkit.objects.paint import MeshPart, Paint, plain_paint, solid_texture, tint_texture
+from toolkit.objects.paint import MeshPart, Paint, plain_paint, solid_texture, tint_texture, to_codes
 from toolkit.objects.polygons import is_fan, triangulate, triangulate_polygon
 
 MOST_OBJ_MATERIALS = 4_000
@@ -200,8 +200,6 @@ class _Painter:
 
     def paint(self, part: dict[str, Any], vertices: np.ndarray) -> Paint | np.ndarray:
         """Return a part's material, or its vertices' colours times the material's; else plain grey."""
-        from trimesh.visual.color import to_rgba
-
         visual, colours = part.get("visual"), part.get("vertex_colors")
         material = None if visual is None else self.materials.get(visual.material.name)
         uv = None if visual is None or visual.uv is None else np.asarray(visual.uv, np.float32)
@@ -215,7 +213,7 @@ class _Painter:
         # colours of vertices count if no picture covers them
         if colours is not None and len(colours) == len(vertices):
             if picture is None:
-                colours = to_rgba(np.asarray(colours))[:, :3]
+                colours = to_codes(np.asarray(colours)[:, :3])
                 tint = None if material is None else material.colour
                 return colours if tint is None else tint_texture(colours, _light_of(tint))
             self.left_out.append("colours of vertices below a picture")

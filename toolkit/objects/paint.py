@@ -39,7 +39,8 @@ def to_codes(colours: np.ndarray) -> np.ndarray:
     """Convert colours in 0 to 255, in fractions up to 1, or of 16 bits to (n, 3) uint8."""
     values = colours.astype(np.float64)
     most = np.nan_to_num(values).max(initial=0)
-    if colours.dtype.kind == "f" and most <= 1:
+    # fractions may overshoot: a file of 0 to 255 without any above 2 would be all black
+    if colours.dtype.kind == "f" and most <= 2:
         values = values * 255
     elif colours.dtype.kind != "f" and most > 255:
         values = values / 257

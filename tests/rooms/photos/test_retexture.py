@@ -1,5 +1,6 @@
 """Another patch put into a photograph of a printed one: renders whose truth is known, and real photographs."""
 
+import io
 import subprocess
 import sys
 from functools import cache
@@ -10,7 +11,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import ExifTags, Image
 from print_colours import print_colours
 
 from toolkit.captures.manifest import read_manifest
@@ -20,11 +21,13 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
+from toolkit.imaging.read import decode_image
 from toolkit.rooms.photos.config import RetextureConfig
+from toolkit.rooms.photos.photo import load_pixels, read_photo
 from toolkit.rooms.photos.prints.colours import bending, cube_weights, solve_cube
 from toolkit.rooms.photos.prints.fitted_photo import KnownPatch, fit_photo
 from toolkit.rooms.photos.prints.look import _smooth_noise, draw_texels
-from toolkit.rooms.photos.retexture import retexture
+from toolkit.rooms.photos.retexture import encode_like, retexture
 
 SHARED = Path(__file__).resolve().parents[4] / "shared"
 N, SIDE = 24, 240
@@ -438,3 +441,16 @@ def test_a_profile_of_photographed_patches_prints_as_their_printer_does(tmp_path
     truth = linear_to_srgb(print_truth(colours) / print_truth(np.full((1, 1, 3), 255, np.uint8)) * white_paper())
     said = print_colours(run.profile, colours / 255.0)
     assert np.median(apart(255 * said, 255 * truth)) < 3
+
+
+def test_colours_of_an_adobe_rgb_photograph_are_converted_once(tmp_path: Path) -> None:
+    """The camera's EXIF is kept, but not its word that the pixels are Adobe RGB: the picture's are sRGB."""
+    exif = Image.Exif()
+    exif[ExifTags.Base.Make] = "camera"
+    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ColorSpace] = 2
+    file = save(tmp_path / "a.jpg", np.full((32, 32, 3), (60, 180, 70), np.uint8), exif=exif.tobytes())
+    photo = read_photo(file)
+    pixels = load_pixels(photo)
+    again = encode_like(photo, pixels)
+    assert np.abs(decode_image(again, file).astype(int) - pixels).max() <= 3
+    assert Image.open(io.BytesIO(again)).getexif()[ExifTags.Base.Make] == "camera"

@@ -11,7 +11,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from PIL import JpegImagePlugin
+from PIL import ExifTags, JpegImagePlugin
 
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest
@@ -45,7 +45,7 @@ AS_TAKEN = "as-taken"
 CONTROL_GREY = 128
 JPEG_QUALITY = 95
 ORIENTATION = 0x0112
-PICTURES = Work("retextured picture", 2)
+PICTURES = Work("retextured picture", 3)
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,8 @@ def encode_like(photo: Photo, picture: np.ndarray | None) -> bytes:
                 # the camera's own tables, so that unchanged parts lose nothing again
                 how = {"qtables": original.quantization}
         if len(exif):
-            exif[ORIENTATION] = 1  # the picture is upright already
+            exif[ORIENTATION] = 1  # the picture is upright already, and sRGB, whatever the camera's colours were
+            exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ColorSpace] = 1
             how["exif"] = exif.tobytes()
     return encode_image(picture, "JPEG", subsampling=0, **how)
 
