@@ -49,10 +49,10 @@ def make_grid(folder: Path, count: int, corruptions):
 def measure_speed(folder: Path) -> dict[str, float]:
     """Images per second of the grid, of the corruptions alone and of the network alone; medians of turns."""
     import torch
-    import torchvision
 
     from toolkit.corruptions.batch import corrupt
     from toolkit.corruptions.catalogue import COMMON
+    from toolkit.models.vision import torchvision
     from toolkit.rooms.benchmarks.corruptions.grid import run_grid
 
     corruptions = tuple((name, SEVERITY) for name in COMMON)

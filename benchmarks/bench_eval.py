@@ -39,7 +39,8 @@ def make_classifier(folder: Path):
     file = folder / "resnet18-random.pth"
     if not file.is_file():
         import torch
-        import torchvision
+
+        from toolkit.models.vision import torchvision
 
         torch.manual_seed(0)
         torch.save(torchvision.models.resnet18().state_dict(), file)
@@ -49,10 +50,10 @@ def make_classifier(folder: Path):
 def measure_speed(folder: Path, count: int) -> tuple[float, float]:
     """(images/s of the evaluation, images/s of the bare forward), medians over rounds taken in turns."""
     import torch
-    import torchvision
 
     from toolkit.captures.read import read_captures
     from toolkit.evaluation.predict import predict_captures
+    from toolkit.models.vision import torchvision
 
     classifier = make_classifier(folder)
     bare = torchvision.models.resnet18()

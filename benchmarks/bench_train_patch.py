@@ -12,7 +12,6 @@ from unittest.mock import patch
 
 import numpy as np
 import torch
-from torchvision.models import resnet18
 
 from toolkit.boosters.booster import BoosterFiles
 from toolkit.boosters.data import TrainingData
@@ -22,6 +21,7 @@ from toolkit.boosters.pixels import Target
 from toolkit.boosters.transforms.placement import AffineRanges
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier, choose_device
+from toolkit.models.vision import torchvision
 from toolkit.models.weights import WeightsFile
 from toolkit.training.loop import make_steps
 
@@ -35,7 +35,7 @@ FORMATS = {"channels last": torch.channels_last, "channels first": torch.contigu
 def build_network(memory_format: torch.memory_format, device: str) -> torch.nn.Module:
     """ResNet-18 with random weights, frozen: speed does not depend on what it has learnt."""
     torch.manual_seed(0)
-    module = resnet18(weights=None).eval().requires_grad_(False)
+    module = torchvision.models.resnet18(weights=None).eval().requires_grad_(False)
     return module.to(device=device, memory_format=memory_format)
 
 

@@ -14,7 +14,6 @@ from typing import cast
 
 import numpy as np
 import torch
-from torchvision.models import resnet18
 
 from benchmarks.peers import peak_mb
 from toolkit.boosters.booster import BoosterFiles
@@ -25,6 +24,7 @@ from toolkit.boosters.texture_config import TextureConfig, make_config
 from toolkit.boosters.texture_objects import TexturedObject, TextureInputs
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier, choose_device
+from toolkit.models.vision import torchvision
 from toolkit.models.weights import WeightsFile
 from toolkit.objects.atlas import Atlas, make_atlas
 from toolkit.objects.load import TableObject, build_mesh
@@ -48,7 +48,8 @@ NETWORKS, NETWORKS_GOAL = 3, 0.9
 def make_target(device: str) -> Target:
     """ResNet-18 with random weights, frozen: speed does not depend on what it has learnt."""
     torch.manual_seed(0)
-    module = resnet18(weights=None).eval().requires_grad_(False).to(device=device, memory_format=torch.channels_last)
+    module = torchvision.models.resnet18(weights=None).eval().requires_grad_(False)
+    module = module.to(device=device, memory_format=torch.channels_last)
     weights = WeightsFile(Path("random"), "0" * 64, "random")
     how = Preprocessing(256, 224, MEAN, STD)
     return Target(Classifier("resnet18", module, ["class"] * 1000, how, weights, device, False), 0)

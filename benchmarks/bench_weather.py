@@ -29,8 +29,8 @@ def make_frame():
 def run() -> dict[str, float]:
     """Milliseconds, and the network's time over the weathers'."""
     import torch
-    import torchvision
 
+    from toolkit.models.vision import torchvision
     from toolkit.rooms.worlds.conditions import parse_weathers
     from toolkit.rooms.worlds.depth_weather import add_weather, make_weather, weather_rng
 

@@ -15,10 +15,9 @@ WORLD, FRAMES, PASS, WEATHERS = "city", 8, 8, ("fog:1-5", "dust")
 
 
 def make_classifier():
-    import torchvision
-
     from toolkit.imaging.preprocessing import Preprocessing
     from toolkit.models.network import Classifier
+    from toolkit.models.vision import torchvision
     from toolkit.models.weights import WeightsFile
 
     how = Preprocessing(256, 224, (0.485, 0.456, 0.406), (0.229, 0.224, 0.225))

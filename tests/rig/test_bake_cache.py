@@ -1,6 +1,8 @@
 """What is worked out of a shape is kept: for another paint, light or place, by several threads, and not for ever."""
 
+import gc
 import threading
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -47,6 +49,19 @@ def studio():
 
 def dye(mesh: Mesh, code: int) -> Mesh:
     return replace(mesh, materials=(Material("other", np.full((8, 8, 3), code, np.uint8), 0.3, 0.5),))
+
+
+def test_the_pictures_of_a_studio_that_nobody_uses_are_not_kept(make_box):
+    mesh = make_box()
+    studio = make_studio.__wrapped__(3, 100, "oak")  # without the memory of the last studios
+    table = weakref.ref(studio.need_table().picture)
+    RaycastRenderer(mesh, studio, QUICK)
+    assert {"_prepare_paint", "pack_one", "_blur_environment"} <= {name for name, *_ in bake_cache._in_use}
+    del studio
+    gc.collect()
+    assert table() is None
+    # of the mesh, and of the picture of no glow
+    assert [name for name, *_ in bake_cache._in_use] == ["_prepare_paint", "pack_one"]
 
 
 def test_another_paint_on_the_same_shape_casts_no_rays_for_its_light(make_box, studio, calls):

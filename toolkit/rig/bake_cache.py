@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from threading import RLock
 from typing import Any, NamedTuple, TypeVar
+from weakref import ref
 
 import numpy as np
 
@@ -19,17 +20,20 @@ from toolkit.rig.trace import LitBody
 
 F = TypeVar("F")
 
-_in_use: OrderedDict[tuple[object, ...], tuple[tuple[object, ...], Any]] = OrderedDict()
+_in_use: OrderedDict[tuple[object, ...], tuple[list[ref[Any]], Any]] = OrderedDict()
 _keeping = RLock()
 MOST_KEPT = 10
 
 
 def kept(make: Callable[..., F], *sources: object) -> F:
-    """`make` of meshes or pictures, worked out once for those that were used last."""
-    # by identity: comparing the pixels would cost as much as the work; sources are kept, so ids stay theirs
+    """`make` of meshes or pictures, worked out once for those that were used last and are still in use."""
+    # by identity: comparing the pixels would cost as much as the work. A result goes with its source: none could ask
+    # for it again, and another object may have the source's id
     key = make.__qualname__, *map(id, sources)
     with _keeping:
-        found = _in_use.pop(key, None) or (sources, make(*sources))
+        found = _in_use.pop(key, None)
+        if found is None:
+            found = [ref(one, lambda _: _in_use.pop(key, None)) for one in sources], make(*sources)
         _in_use[key] = found
         while len(_in_use) > MOST_KEPT:
             _in_use.popitem(last=False)
