@@ -27,6 +27,11 @@ def pytest_collection_finish():
     gc.freeze()
 
 
+def pytest_unconfigure():
+    """The end of Python finds it again: triton prints what is left."""
+    gc.unfreeze()
+
+
 @pytest.fixture
 def type_toolkit(monkeypatch, capsys):
     """A function (words) -> exit code, stdout and stderr of `toolkit WORDS` in this process."""

@@ -60,8 +60,8 @@ def predict_captures(
 
 CHUNK = 128
 """Images between two writes: the most that a kill can cost."""
-PREDICTIONS = Work("prediction", 2, old_at=5)
-"""In the first version, the last digits depended on the batch."""
+PREDICTIONS = Work("prediction", 3)
+"""In the first version, the last digits depended on the batch. In the second, some colour profiles were misread."""
 
 
 class CachedPrediction(BaseModel):
