@@ -261,6 +261,13 @@ def test_report_of_every_variant(put, workspace, colour_classifier):
     assert places == sorted(places)
 
 
+def test_missing_controls_of_photographs_are_planned_not_rendered(put, workspace, colour_classifier):
+    for variant in ("unpatched", "patched"):
+        put(f"real/racer/{variant}/1.png", "racer")
+    html = evaluate_captures(workspace.captures_dir, workspace, colour_classifier).report_file.read_text("utf-8")
+    assert "toolkit plan --shot-list --object racer --variant wrong-patch" in html and "capture-sim" not in html
+
+
 def test_report_says_how_to_shoot_controls_that_are_missing(put, workspace, colour_classifier):
     for variant in ("unpatched", "patched", "textured"):
         put(f"sim/racer/{variant}/1.png", "racer")

@@ -51,7 +51,7 @@ class SimulateConfig(Config):
         description="With {rehearse}: your printer, as 'toolkit print-profile' measured it. Default: one drawn.",
     )
     perfect: Annotated[bool, Flag("--perfect")] = Field(
-        False, description="Stick the pieces of a wrap exactly in their places, not a little beside."
+        False, description="Place the pieces of a wrap without the error of a hand."
     )
     margin: Annotated[Margin | None, Flag(metavar="white|bleed")] = Field(
         None,
