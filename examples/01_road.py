@@ -7,7 +7,7 @@ import toolkit as tk
 
 NAME = "coffeepot"  # or racer, warplane, eggnog; 02_own_object.py adds an object of your own
 STEPS = 30  # enough to see that it works; 600 make the best patch
-FAR = 0.32  # of the frame that the object fills: from there the network is not sure of the bare object
+FAR = 0.32  # of the frame that the object fills: there the network often misses the unmodified object
 
 # %% A workspace, and the network that shall see the object
 lab = tk.make_workspace(Path(sys.argv[1] if len(sys.argv) > 1 else "example-out"))
@@ -21,7 +21,7 @@ trained = tk.train_patch(
 # %% Print it, true to the millimetre
 page = tk.print_patch(trained.files.png, lab.print_dir / f"{NAME}.pdf")
 
-# %% Plan 18 poses, and shoot the object bare, with the patch, and with grey paper as a control
+# %% Plan 18 poses, and shoot the object without a patch, with it, and with grey paper as a control
 plan = tk.plan_objects(lab, [NAME], tk.Pattern(count=18, fill=FAR), tk.Camera.from_fov(320, 240))
 shots = tk.shoot_plan(lab, plan, [NAME], ["unpatched", "patched", "grey-patch"])
 

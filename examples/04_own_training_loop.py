@@ -50,9 +50,9 @@ for step in range(STEPS):
 with torch.no_grad():
     grey = tk.apply_patch(held_out, torch.full((3, 24, 24), 0.5), seed=10**6, placement=PLACES)
     shown = patch(held_out, seed=10**6)
-    for what, images in (("bare", held_out), ("grey patch", grey), ("learned patch", shown)):
+    for what, images in (("no patch", held_out), ("grey patch", grey), ("learned patch", shown)):
         share = (network.logits(images).argmax(dim=1) == target).float().mean()
-        print(f"held-out images seen as '{CLASS}', {what}: {share:.0%}")
+        print(f"held-out images predicted as '{CLASS}', {what}: {share:.0%}")
 sheet = lab.root / "own-loop.png"
 tiles = (torch.cat([grey[:6], shown[:6]]) * 255).byte().permute(0, 2, 3, 1).numpy()
 Image.fromarray(np.vstack([np.hstack(list(tiles[:6])), np.hstack(list(tiles[6:]))])).save(sheet)

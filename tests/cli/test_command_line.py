@@ -189,7 +189,7 @@ def test_names_in_a_narrow_table_are_broken_after_a_slash():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(console.console, "_width", 40)
         table = tables.build_table(
-            "", ("run", "variant"), ("n", "right % (95 %)"), [("landing/apriltag", "a", "4", "100")]
+            "", ("run", "variant"), ("n", "correct % (95 %)"), [("landing/apriltag", "a", "4", "100")]
         )
     with narrow.capture() as shown:
         narrow.print(table)

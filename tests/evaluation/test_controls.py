@@ -132,9 +132,9 @@ def test_every_control_must_be_beaten():
 @pytest.mark.parametrize(
     ("alone", "patched", "tone", "words"),
     [
-        (16, 18, "bad", "The network reads the sticker, not the object"),
+        (16, 18, "bad", "The network recognises the sticker, not the object"),
         (8, 10, "open", "not shown to add"),
-        (0, 18, "good", "The network reads the object"),
+        (0, 18, "good", "The network needs the object"),
         (9, 18, "open", "Both"),
         (12, 18, "open", "Both"),  # two thirds of 18: the interval reaches below a half
         (0, 2, "open", "mostly not enough; that"),
@@ -188,7 +188,7 @@ def test_summary_and_report(put, workspace, colour_classifier):
         "eggnog",
     )
     html = result.report_file.read_text(encoding="utf-8")
-    assert "The network reads the sticker, not the object" in html and 'id="controls"' in html
+    assert "The network recognises the sticker, not the object" in html and 'id="controls"' in html
     assert html.index(">wrong-patch<") < html.index(">grey-patch<") < html.index(">patch-alone<")
     assert 'class="deck wide"' in html
 
@@ -261,6 +261,13 @@ def test_report_of_every_variant(put, workspace, colour_classifier):
     assert places == sorted(places)
 
 
+def test_missing_controls_of_photographs_are_planned_not_rendered(put, workspace, colour_classifier):
+    for variant in ("unpatched", "patched"):
+        put(f"real/racer/{variant}/1.png", "racer")
+    html = evaluate_captures(workspace.captures_dir, workspace, colour_classifier).report_file.read_text("utf-8")
+    assert "toolkit plan --shot-list --object racer --variant wrong-patch" in html and "capture-sim" not in html
+
+
 def test_report_says_how_to_shoot_controls_that_are_missing(put, workspace, colour_classifier):
     for variant in ("unpatched", "patched", "textured"):
         put(f"sim/racer/{variant}/1.png", "racer")
@@ -269,6 +276,7 @@ def test_report_says_how_to_shoot_controls_that_are_missing(put, workspace, colo
     )
     assert "Patch and texture</h2>" in html and "Controls" not in html
     assert "No control of the patch was shot" in html and "--variant grey-patch" in html
+    assert "toolkit capture-sim --object racer --variant wrong-patch" in html, "other objects were not evaluated"
     assert "No control of the texture was shot" in html and "--variant grey-texture" in html
     assert html.index("<img ") < html.index('id="table"'), "a picture stands above the table"
     assert html.index('id="sheet"') < html.index('id="method"')

@@ -49,7 +49,7 @@ def test_a_result_states_what_it_rests_on(workspace, put, colour_classifier, cap
     assert rests["sources"][0]["boosters"] == [{"variant": "patched", "name": "racer", "sha256": "abababab"}]
     assert rests["sources"][0]["lights"] == ["studio"] and rests["sources"][0]["controls"] == []
     page = done.report_file.read_text()
-    assert "What this rests on" in page and "1 image set aside" in page and "Was a folder or file renamed" in page
+    assert "What was evaluated" in page and "1 image set aside" in page and "Was a folder or file renamed" in page
     from rich.console import Console
 
     from toolkit.core.console import verbosely

@@ -37,7 +37,7 @@ def test_bares_share_of_the_same_pairs_stands_beside_it(part, workspace):
     assert [line for line in read_table(part).splitlines() if "0 → 2 of 11" in line]
     assert "0 → 2 of 11" in part.report_file.read_text()
     shown = CliRunner().invoke(app, ["runs", "--workspace", str(workspace.root)], env={"COLUMNS": "200"})
-    assert "2/0 of 11, bare 0 %" in shown.stdout
+    assert "2/0 of 11, unmodified 0 %" in shown.stdout
     rows = json.loads(CliRunner().invoke(app, ["runs", "--json", "--workspace", str(workspace.root)]).stdout)
     assert (rows[1]["n_pairs"], rows[1]["n_bare"]) == (11, 0)
 

@@ -6,6 +6,7 @@ from math import cos, radians, sin
 from pathlib import Path
 
 import numpy as np
+import pypdf
 import pytest
 from PIL import Image
 from rich.console import Console
@@ -187,3 +188,16 @@ def test_on_a_phone_all_numbers_are_on_the_screen_and_pictures_open_large(browse
     assert large == 390
     browser.execute_script("document.querySelector('.zoom input').click()")
     assert browser.execute_script("return document.querySelector('.zoom img').getBoundingClientRect().width") < 200
+
+
+@pytest.mark.slow
+def test_on_paper_folded_parts_are_open(browser, put, workspace, colour_classifier):
+    for pose in range(1, 7):
+        put(f"sim/racer/unpatched/{pose}.png", "warplane")
+        put(f"sim/racer/patched/{pose}.png", "racer")
+    page = evaluate_captures(workspace.captures_dir, workspace, colour_classifier).report_file
+    browser.get(page.as_uri())
+    sheets = pypdf.PdfReader(io.BytesIO(base64.b64decode(browser.print_page()))).pages
+    text = " ".join(" ".join(sheet.extract_text() for sheet in sheets).split())
+    for folded in ("Of 6 pairs, 6 became correct", "Gained: 6 pairs", "Wilson score interval"):
+        assert folded in text, folded

@@ -156,7 +156,7 @@ def test_the_doctor_names_the_bundled_classifier(nothing_bundled):
     assert machine._bundled().state == "note"
     file = write_own(nothing_bundled, "rig18")
     check = machine._bundled()
-    assert check.state == "ok" and "not ImageNet, 90% of 50 held-out images right" in check.found
+    assert check.state == "ok" and "not ImageNet, 90% of 50 held-out images correct" in check.found
     file.write_bytes(b"changed")
     check = machine._bundled()
     assert check.state == "missing" and "does not match its record" in check.found

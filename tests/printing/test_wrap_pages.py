@@ -375,7 +375,7 @@ def test_the_first_page_numbers_every_piece_and_holds_the_strip(printed, wrap):
     text = pypdf.PdfReader(printed.file).pages[0].extract_text()
     for one in wrap.record.pieces:
         assert f"piece {one.number}" in text
-    assert "the kit knows these colours" in text
+    assert "toolkit knows these colours" in text
     assert all(side in text for side in ("front", "left", "back", "right", "top", "bottom"))
     assert wrap.record.map_sha256[:12] in text
 

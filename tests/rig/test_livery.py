@@ -177,8 +177,14 @@ def test_pictures_that_cannot_be_on_pieces_in_one_line(space: Workspace):
 def test_the_command_cuts_a_picture_and_says_what_comes_next(space: Workspace):
     words = ["wrap", "--object", "carton", "--picture", "livery.png", "--views", "8"]
     said = CliRunner().invoke(app, words).stdout
-    assert "livery.png is on the pieces" in said and "--start" in said
+    assert "livery.png is on the pieces" in said and "--start" in said and "shipped" not in said
     wrap = find_wrap(space, load_object(space.object_spec("carton")))
     assert wrap.record.texel_mm < 60 / 270  # finer than what is trained
     assert json.loads((space.wraps_dir / "carton/wrap.json").read_text())["picture"]["pattern_mm"] is None
     assert read_wrap(space.wraps_dir / "carton").record == wrap.record
+
+
+def test_pieces_that_hide_a_shipped_wrap_are_named(space: Workspace):
+    (space.objects_dir / "racer.toml").write_bytes((space.objects_dir / "carton.toml").read_bytes())
+    said = CliRunner().invoke(app, ["wrap", "--object", "racer", "--views", "8"]).stdout
+    assert "these pieces hide the shipped wrap of racer" in " ".join(said.split())

@@ -394,7 +394,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
         """Sixteen training images; they repeat, in other placements, where there are fewer."""
         config, where = self.config, "held-out" if self._data.is_held_out else "training"
         answers = [
-            f"{a.network}, {where} images: {a.patched.value:.0%} with patch, {a.bare.value:.0%} bare"
+            f"{a.network}, {where} images: {a.patched.value:.0%} with patch, {a.bare.value:.0%} without"
             for a in validations
         ]
         size = f"{config.size_px} x {config.size_px} px, {config.steps} steps, seed {config.seed}"

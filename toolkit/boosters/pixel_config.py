@@ -141,10 +141,10 @@ class PixelConfig(Config):
     )
     last_smoothing_px: Annotated[
         float, Later, Field(ge=0, le=16), Expect("0 to 16 texels"), Flag("--last-smoothing", group=TRANSFER)
-    ] = Field(0.0, description="Gaussian smoothing of the last gradient, texels.")
+    ] = Field(0.0, description="Gradient blur at the end (σ in texels).")
     smoothing_px: Annotated[float, Field(ge=0, le=16), Expect("0 to 16 texels"), Flag("--smoothing", group=STEPS)] = (
         # texels smaller than a pixel get gradients that are mostly noise, whose signs would step at random
-        Field(2.0, description="Gaussian smoothing of the first gradient, texels; it falls to 0.")
+        Field(2.0, description="Gradient blur at the start (σ in texels). It decreases linearly to --last-smoothing.")
     )
     start_contrast: Annotated[float, Field(ge=0, le=1), Flag(group=STEPS)] = Field(
         0.2, description="Contrast of the random first pixels; 1 is full."

@@ -52,7 +52,7 @@ class SimulateConfig(Config):
         "Default: the file's colours; with {rehearse} a random printer's.",
     )
     perfect: Annotated[bool, Flag("--perfect")] = Field(
-        False, description="Stick the pieces of a wrap exactly in their places, not a little beside."
+        False, description="Place the pieces of a wrap without the error of a hand."
     )
     margin: Annotated[Margin | None, Flag(metavar="white|bleed")] = Field(
         None,

@@ -11,7 +11,7 @@ from toolkit.captures.shoot import ShootSettings, studio_for
 from toolkit.core.errors import FieldError
 from toolkit.core.files import write_bytes
 from toolkit.core.text import join_words, quote
-from toolkit.core.workspace import Workspace
+from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.models.find import find_class
 from toolkit.objects.add import DEFAULT_PATCH_MM, AddedObject, add_object
 from toolkit.objects.load import TableObject, load_object
@@ -343,6 +343,8 @@ class SuggestedWrap:
         )
         yield f"{self.preview}: the pieces on the object; {self.stretch}: their stretch"
         yield f"wrote {self.folder}"
+        if (PACKAGE_DATA / "wraps" / record.name).is_dir():
+            yield f"these pieces hide the shipped wrap of {record.name}: delete the folder to use that wrap again"
         if record.picture is None:
             yield f"next: toolkit train-wrap --object {record.object}, then toolkit print --wrap {record.name}"
             return

@@ -69,7 +69,7 @@ def wrap(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Cut an object's surface into a few flat pieces, those that random cameras see most; draw and keep them."""
+    """Cut the visible surface of an object into a few flat pieces. Draw them, and write the plan."""
     from toolkit.captures.suggest_places import PIECE_TITLES, suggest_wrap
 
     found = suggest_wrap(open_workspace(workspace, is_needed=True), object_name, config, seed)

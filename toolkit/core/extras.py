@@ -22,6 +22,6 @@ def import_package(name: str, extra: str, what: str, way_out: str = "") -> Modul
         return import_module(name)
     except ImportError as error:
         raise ToolkitError(
-            f"{what} needs {name}, which is not installed ({error}): pip install '.[{extra}]' in the kit's folder"
+            f"{what} needs {name}, which is not installed ({error}): pip install '.[{extra}]' in toolkit's folder"
             + (f", or {way_out}" if way_out else "")
         ) from None

@@ -263,6 +263,7 @@ def write_report(
         "gain_heads": GAIN_HEADS, "answer_heads": ANSWER_HEADS,
         "sim_real": views, "side": SIDE, "ticks": [(place_prob(prob), label) for prob, label in TICKS],
         "sources": sorted({prediction.capture.source for prediction in predictions}),
+        "objects": sorted({prediction.capture.object for prediction in predictions}),
         "sheets": sheets, "n_hidden": n_hidden, "open_sheets": MANY_SHEETS,
         "flips": flips, "max_flips": MAX_FLIPS, "saliency": saliency, 
         "heat_stops": ", ".join(f"rgb{colour} {100 * level:.0f}%" for level, colour in heat),

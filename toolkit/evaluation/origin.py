@@ -21,7 +21,7 @@ from toolkit.rig.variants import CONTROLS
 
 MOST_BOOSTERS = 8
 MOST_REASONS = 6
-TITLE = "What this rests on"
+TITLE = "What was evaluated"
 
 
 @dataclass(frozen=True)

@@ -462,7 +462,7 @@ def build_runs_table(rows: Sequence[ResultRow]) -> Table:
     }
     texts = {name: cells for name, cells in columns.items() if any(cells)}
     cells = [[*(own[at] for own in texts.values()), *_format_numbers(row)] for at, row in enumerate(rows)]
-    return build_table("", tuple(texts), ("n", "right % (95 %)", "+/−", "p"), cells)
+    return build_table("", tuple(texts), ("n", "correct % (95 %)", "+/−", "p"), cells)
 
 
 def _format_numbers(row: ResultRow) -> list[str]:
@@ -471,5 +471,5 @@ def _format_numbers(row: ResultRow) -> list[str]:
     change = "" if row.gained is None else f"{row.gained}/{row.lost}"
     # if some images have no pair, the shares of all images are not those of the pairs
     if row.is_part and row.n_pairs and row.n_bare is not None:
-        change += f" of {row.n_pairs}, bare {format_percent(row.n_bare / row.n_pairs)} %"
+        change += f" of {row.n_pairs}, unmodified {format_percent(row.n_bare / row.n_pairs)} %"
     return [n, right, change, format_p(row.p)]

@@ -109,7 +109,8 @@ def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant
         verdict, why = "Nothing could be paired", "No pose was shot both ways, so no paired test is possible."
         return Verdict("open", f"{shares} {why}", verdict, after.source, variant, question)
     tone, verdict, why = judge_change(name, row.outcomes)
-    brief = f"{row.outcomes.n_first} → {row.outcomes.n_second} of {row.outcomes.n} correct"
+    found = row.outcomes
+    brief = f"{found.n_first} → {found.n_second} of {found.n} correct ({format_test(found.mcnemar_p)})"
     return Verdict(tone, f"{shares} {why}", verdict, after.source, variant, question, brief)
 
 
@@ -186,7 +187,10 @@ def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[
     wrong = rows.get((UNPATCHED, WRONG)) if booster == PATCHED else None
     if wrong is not None:
         sentence += f" {_describe_wrong(wrong)}"
-    return Verdict(tone, sentence, verdict, best.source, booster, ask_this(booster))
+    brief = (
+        f"{best.outcomes.n_first} of {best.outcomes.n} correct with the {noun}, {best.outcomes.n_second} with {which}"
+    )
+    return Verdict(tone, sentence, verdict, best.source, booster, ask_this(booster), brief)
 
 
 def _compare_both(network: str, found: PairedOutcomes, names: tuple[str, str], short: tuple[str, str]) -> str:
@@ -204,7 +208,7 @@ def _describe_wrong(row: Comparison) -> str:
     mistake = f"; its commonest mistake is '{says}' ({count} of {found.n})" if says else ""
     return (
         f"With another class's patch the true class is recognised on {format_count(found.n_second, found.n)}, against "
-        f"{format_count(found.n_first, found.n)} bare ({found.only_second} gained, {found.only_first} lost, "
+        f"{format_count(found.n_first, found.n)} without a patch ({found.only_second} gained, {found.only_first} lost, "
         f"{format_test(found.mcnemar_p)}), its mean probability goes from {row.prob_first:.2f} to "
         f"{row.prob_second:.2f}{mistake}."
     )
@@ -226,18 +230,19 @@ def _object_or_sticker(network: str, alone: Group, row: Comparison | None) -> Ve
     needs_object = row is not None and row.outcomes.first_is_better
     # "mostly" needs the whole interval above a half
     if low > MOST:
-        tone, verdict = "bad", "The network reads the sticker, not the object"
+        tone, verdict = "bad", "The network recognises the sticker, not the object"
         if needs_object:
-            verdict = "The network mostly reads the sticker; the object adds to it"
+            verdict = "The network mostly recognises the sticker; the object adds to it"
     elif needs_object and high < MOST:
-        tone, verdict = "good", "The network reads the object: the sticker alone is mostly not enough"
+        tone, verdict = "good", "The network needs the object: the sticker alone is mostly not enough"
     elif needs_object:
         tone, verdict = "open", "Both: the sticker alone is often enough, the object adds to it"
     elif high < MOST:
         tone, verdict = "open", "The sticker alone is mostly not enough; that the object adds to it is not shown"
     else:
         tone, verdict = "open", "The object is not shown to add to the sticker"
-    return Verdict(tone, sentence, verdict, alone.source, ALONE, STICKER)
+    brief = f"{alone.n_top1} of {alone.n} correct with the sticker alone"
+    return Verdict(tone, sentence, verdict, alone.source, ALONE, STICKER, brief)
 
 
 def _format_group(group: Group) -> str:

@@ -43,14 +43,14 @@ COLOURS = {
 }  # fmt: skip
 """The corners of the colour cube, and skin: light and dark as in the 24-patch ColorChecker, the middle between them."""
 GREY_STEPS = 11
-CAPTION = "Cut out with a white border; photograph it beside the object: the kit knows these colours."
+CAPTION = "Cut out with a white border and photograph it beside the object: toolkit knows these colours."
 CAPTION_HEIGHT_MM = 3.5
 SPACE = "StripRGB"
 UNDERLAP_MM = 0.5
 PRINT_IT = "Print at 100 % (“actual size”), never “fit to page”. Both check bars must measure 100 mm."
 CUT_IT = (
-    "Cut at the corner marks, tape by the white edge: on top with the arrow to the object's front, "
-    "on a side this way up."
+    "Cut at the corner marks, tape the white edge. On top of the object the arrow points to its front, "
+    "on a side it points up."
 )
 JOIN_IT = (
     "Page 1 shows how the tiles are joined. The arrow points to the front of the object that the sheet is taped on."

@@ -159,7 +159,7 @@ def _bundled() -> Check:
         fix = "install the package again; --model works with weights of one's own all the same"
         return Check("bundled classifier", "note", "not in this installation", fix)
     share = record.held_out.accuracy
-    known = "" if share is None else f", {share:.0%} of {record.held_out.n} held-out images right"
+    known = "" if share is None else f", {share:.0%} of {record.held_out.n} held-out images correct"
     found = f"{record.name}, {record.arch} trained on {record.trained_on}, not ImageNet{known}"
     return Check("bundled classifier", "ok", found)
 

@@ -355,9 +355,8 @@ class RefinedNetworks(WorkResult):
 
 
 def _compare(before: AnswerCounts, after: AnswerCounts) -> str:
-    return (
-        f"right {before.correct} → {after.correct} of {after.n}, as the network before {before.agreed} → {after.agreed}"
-    )
+    agreed = f"as the network before {before.agreed} → {after.agreed}"
+    return f"correct {before.correct} → {after.correct} of {after.n}, {agreed}"
 
 
 def refine_network(

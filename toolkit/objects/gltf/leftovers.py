@@ -54,7 +54,7 @@ def check_required(document: Document) -> None:
     if lacking:
         names = ", ".join(name[:60] for name in lacking[:5])
         raise ToolkitError(
-            f"{document.path}: requires the glTF extension{'s'[: len(lacking) > 1]} {names}, which the kit does not "
+            f"{document.path}: requires the glTF extension{'s'[: len(lacking) > 1]} {names}, which toolkit does not "
             "read: export the mesh again without, or open it in Blender and export it as plain glTF 2.0"
         )
 

@@ -88,7 +88,7 @@ class Pictures:
         if not sources:
             others = ", ".join(sorted(map(str, texture.get("extensions", {}))))[:80]
             raise ToolkitError(
-                f"{self.document.path}: a texture names no picture that the kit reads"
+                f"{self.document.path}: a texture names no picture that toolkit reads"
                 f"{f' (it has {others})' if others else ''}: save its pictures as PNG or JPEG"
             )
         for source in sources[:-1]:

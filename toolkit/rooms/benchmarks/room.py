@@ -22,7 +22,7 @@ ROOM = Room(
         },
         "Challenge": {
             "challenge init": Entry("challenge.commands:init", "make an entry of your boosters"),
-            "challenge check": Entry("challenge.commands:check", "check an entry to the last rule"),
+            "challenge check": Entry("challenge.commands:check", "check an entry against the rules"),
             "challenge run": Entry("challenge.commands:run", "render and score an entry"),
             "challenge board": Entry("challenge.commands:board", "rank entries on a page"),
         },

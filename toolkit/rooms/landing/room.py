@@ -7,7 +7,7 @@ ROOM = Room(
     commands={
         "Landing": {
             "landing collect": Entry("commands:collect", "shoot a pad from a cone of places: pictures with the truth"),
-            "landing train": Entry("commands:train", "train a network to say where the pad is"),
+            "landing train": Entry("commands:train", "train a network to find the pad"),
             "landing boost": Entry("commands:boost", "train the pad's picture for that network"),
             "landing fly": Entry("commands:fly", "fly landings with it in worsening weather"),
             "landing demo": Entry("commands:demo", "run the whole landing experiment, small"),

@@ -102,7 +102,9 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
     number_of = {file: number for number, file in enumerate(files, 1)}
     # true photographs take the others' numbers where as many are given, since a number is what pairs them
     bare_number_of = {file: number for number, file in enumerate(bare_files, 1 if paired else len(files) + 1)}
-    bare, refused = use_each("reading bare photographs", config.bare, read_photo) if config.bare else ([], [])
+    bare, refused = (
+        use_each("reading photographs without a patch", config.bare, read_photo) if config.bare else ([], [])
+    )
 
     def put(file: Path) -> tuple[str, dict[str, Any]]:
         shot = _Shot(root, name, number_of[file], read_photo(file))

@@ -6,8 +6,8 @@ ROOM = Room(
     commands={
         "Your photographs": {
             "studio": Entry("commands:studio", "photograph with a phone, shot by shot", {"--address": "--lan-address"}),
-            "import": Entry("commands:import_", "import photographs, tell object and pose"),
-            "check": Entry("commands:check", "judge photographs: sharp, well exposed, whole"),
+            "import": Entry("commands:import_", "import photographs, find object and pose"),
+            "check": Entry("commands:check", "check photographs: sharp, well exposed, complete"),
             "retexture": Entry("commands:retexture", "put another patch into photographs of a printed patch"),
             "calibrate": Entry("measure_commands:calibrate", "measure a camera's lens"),
             "print-profile": Entry("measure_commands:print_profile", "measure what a printer does to colours"),

@@ -4,7 +4,7 @@ from toolkit.core.rooms import Entry, Room
 
 ROOM = Room(
     commands={
-        "Benchmarks": {"world-eval": Entry("commands:world_eval", "see an object in a city, through fog and dust")},
+        "Benchmarks": {"world-eval": Entry("commands:world_eval", "evaluate an object in a city, in fog and dust")},
         "Worlds": {
             "world list": Entry("commands:list_worlds", "list the worlds, built in and your own"),
             "world preview": Entry("commands:preview", "see a world by day, at dusk, in fog: pictures, map, film"),

@@ -227,7 +227,7 @@ def test_sentences():
     assert len(lines) == 2  # unpatched is said with what it is compared to
     assert lines[0].startswith("net recognises 62 % (") and "of corrupted images with codes, 12 % (" in lines[0]
     assert lines[0].endswith("without: +50 points.")
-    assert lines[1].startswith("zbar reads the right code on 12 % (")
+    assert lines[1].startswith("zbar reads the correct code on 12 % (")
     assert lines[1].endswith("with codes, another on 12 %, none on 75 %.")
     alone = [one.sentence for one in judge_benchmark(summarise(by_hand({key: HAND[key] for key in list(HAND)[:1]})))]
     assert len(alone) == 1 and alone[0].endswith("of corrupted images, without patches.")

@@ -354,7 +354,7 @@ def build_score_table(score: Score) -> Table:
         ]
         for row in shown
     ]  # fmt: skip
-    heads = ("n", "bare %", "with it %", "points", "95 %", "gained", "lost")
+    heads = ("n", "unmodified %", "boosted %", "points", "95 %", "gained", "lost")
     return build_table(
         f"{score.entry.name}, {len(score.judges)} judges", ("judges", "condition", "variant"), heads, cells
     )

@@ -258,7 +258,7 @@ def _judge_row(summary: "Summary", row: "VariantMean") -> Verdict:
     how_many = _format_share(share, ci95)
     if row.kind == READER:
         rest = f"another on {format_percent(wrong)} %, none on {format_percent(not_decoded)} %"
-        sentence = f"{row.answerer} reads the right code on {how_many} of {what} images with {row.variant}, {rest}."
+        sentence = f"{row.answerer} reads the correct code on {how_many} of {what} images with {row.variant}, {rest}."
         return Verdict("open", sentence)
     if row.variant == UNPATCHED:
         return Verdict("open", f"{row.answerer} recognises {how_many} of {what} images, without patches.")

@@ -131,7 +131,7 @@ def tabulate(rows: Sequence[JudgedRow], seen: bool) -> list[tuple[str, ...]]:
     return cells
 
 
-HEADS = ("left out", "judged by", "booster", "source", "object", "bare", "boosted (95 %)", "gained", "lost", "p")
+HEADS = ("left out", "judged by", "booster", "source", "object", "unmodified", "boosted (95 %)", "gained", "lost", "p")
 
 
 def _as_markdown(rows: Sequence[JudgedRow], seen: bool) -> list[str]:

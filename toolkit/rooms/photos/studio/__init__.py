@@ -12,5 +12,5 @@ def require_extra() -> None:
     if missing:
         raise ToolkitError(
             f"toolkit studio needs {join_words(missing)}, which the extra 'studio' brings: pip install '.[studio]' "
-            "in the kit's folder"
+            "in toolkit's folder"
         )
