@@ -235,3 +235,13 @@ def test_another_method_needs_another_folder(photos, tmp_path, monkeypatch):
     monkeypatch.setattr("toolkit.corruptions.folder.METHOD", 2)
     code, _, said = run(photos, out, "--corrupt", "fog", "--severity", 3)
     assert code == 2 and "method 1, not 2: name another folder" in said
+
+
+def test_images_of_earlier_runs_that_no_image_makes_now_are_named(photos, tmp_path):
+    out, chosen = tmp_path / "out", ["--corrupt", "fog:3", "--corrupt", "snow:1"]
+    run(photos, out, *chosen)
+    (photos / "a/1.png").unlink()
+    code, _, said = run(photos, out, "--corrupt", "snow:1", "--corrupt", "snow:2")
+    assert code == 0 and said.endswith(f"that no image of {photos} makes now: snow/1/a/1.png\n")
+    code, said, _ = run(photos, out, *chosen, "--json")
+    assert json.loads(said)["left"] == ["fog/3/a/1.png", "snow/1/a/1.png"]

@@ -8,7 +8,7 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
-from toolkit.core.text import count_of, kept_before
+from toolkit.core.text import count_of, kept_before, list_some
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.corruptions.catalogue import SEVERITIES, find_note, parse_corruptions
 from toolkit.evaluation import EvalConfig
@@ -167,6 +167,9 @@ def corrupt(
         note = find_note(list(dict.fromkeys(name for name, _ in chosen)))
         for line in (*result.describe_scale(), *([note] if note else [])):
             remark(line)
+        if result.left:
+            left = list_some(result.left, SHOWN_FAILURES)
+            remark(f"{out} holds images of earlier runs that no image of {source} makes now: {left}")
         for path, reason in result.failed[:SHOWN_FAILURES]:
             warn(f"failed: {path}: {reason}")
         if len(result.failed) > SHOWN_FAILURES:

@@ -199,18 +199,20 @@ class CorruptResult:
     Attributes:
         made, kept: numbers of files written now, and kept from before.
         failed: (path, reason) of files that could not be read or written.
+        left: paths of images of earlier runs that no image of the folder makes now.
         sizes: numbers of images corrupted now, by (parameter set, height, width).
     """
 
     made: int = 0
     kept: int = 0
     failed: list[tuple[str, str]] = field(default_factory=list)
+    left: list[str] = field(default_factory=list)
     sizes: Counter[tuple[str, int, int]] = field(default_factory=Counter)
 
     def as_json(self) -> dict[str, Any]:
         """Return counts and failures for a script."""
         failed = [{"path": path, "reason": reason} for path, reason in self.failed]
-        return {"made": self.made, "kept": self.kept, "failed": failed}
+        return {"made": self.made, "kept": self.kept, "failed": failed, "left": self.left}
 
     def describe_scale(self) -> list[str]:
         """Say in a line for each parameter set how many images took it, and how many have another size."""
@@ -281,6 +283,10 @@ def corrupt_images(
                     known.update({line.path: line for line in lines})
                     result.made += len(lines)
                     ticker.advance(len(batch))
+        if source.is_dir():
+            targets = {place + image.target for place in places.values() for image in sources}
+            left = (path for path in sorted(known.keys() - targets) if path.startswith(tuple(places.values())))
+            result.left = [path for path in left if (out / path).is_file()]
     return result
 
 
