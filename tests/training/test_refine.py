@@ -346,8 +346,8 @@ def test_the_command_says_before_and_after(colours, tmp_path):
     typed += ["--batch", "6", "--workspace", str(space.root)]
     shown = CliRunner().invoke(app, [*typed, "--checkpoints", "2", "--quiet"])
     assert shown.exit_code == 0, shown.output
-    assert "new-01: held-out photographs, right" in shown.output and "--model new" in shown.output
-    assert "under attack (l2 0.5), right" in shown.output
+    assert "new-01: held-out photographs, correct" in shown.output and "--model new" in shown.output
+    assert "under attack (l2 0.5), correct" in shown.output
     told = json.loads(CliRunner().invoke(app, [*typed, "--checkpoints", "2", "--json"]).stdout)
     assert told["was_finished"] and len(told["records"]) == 2
 
