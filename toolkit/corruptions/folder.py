@@ -284,8 +284,8 @@ def corrupt_images(
                     result.made += len(lines)
                     ticker.advance(len(batch))
         if source.is_dir():
-            targets = {place + image.target for place in places.values() for image in sources}
-            left = (path for path in sorted(known.keys() - targets) if path.startswith(tuple(places.values())))
+            wanted = {place + image.target for place in places.values() for image in sources}
+            left = (path for path in sorted(known.keys() - wanted) if path.startswith(tuple(places.values())))
             result.left = [path for path in left if (out / path).is_file()]
     return result
 
