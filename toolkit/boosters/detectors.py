@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -236,25 +237,30 @@ def judge_detectors(
     # a box may reach out of the cut that the detector is shown
     places = torch.from_numpy(np.asarray(boxes, np.float32)).clamp(0, side).to(photos.device)
     for target in targets:
-
-        def judge(part: torch.Tensor, where: slice, target: Target = target) -> tuple[torch.Tensor, float]:
-            network = target.classifier
-            assert isinstance(network, DetectorNetwork)
-            hits, known = target.find_hits(part.detach()), None if before is None else before[where]
-            losses = _find_losses(network, part, places[where], target)
-            # without the class, only a loss beyond that of the unmodified object counts
-            if network.any_class:
-                assert known is not None
-                with torch.no_grad():
-                    wanted = _find_losses(network, known, places[where], target)
-                losses = (losses - wanted).clamp_min(0)
-            if known is not None and lost_weight > 1:
-                losses = losses * weigh_lost(target.find_hits(known), hits, lost_weight).to(losses)
-            return losses.mean(), float(hits.double().mean())
-
+        judge = partial(_judge_part, target=target, places=places, unmodified=before, lost_weight=lost_weight)
         mean, found = judge_in_parts(photos, judge)
         loss, seen = loss + mean, seen + found
     return loss, seen / len(targets)
+
+
+def _judge_part(
+    part: torch.Tensor, where: slice, *, target: Target, places: torch.Tensor, unmodified: torch.Tensor | None,
+    lost_weight: float,
+) -> tuple[torch.Tensor, float]:  # fmt: skip
+    """`judge_detectors` of a detector and the photographs that lie at `where` among all."""
+    network, before = target.classifier, None if unmodified is None else unmodified[where]
+    assert isinstance(network, DetectorNetwork)
+    hits = target.find_hits(part.detach())
+    losses = _find_losses(network, part, places[where], target)
+    # without the class, only a loss beyond that of the unmodified object counts
+    if network.any_class:
+        assert before is not None
+        with torch.no_grad():
+            wanted = _find_losses(network, before, places[where], target)
+        losses = (losses - wanted).clamp_min(0)
+    if before is not None and lost_weight > 1:
+        losses = losses * weigh_lost(target.find_hits(before), hits, lost_weight).to(losses)
+    return losses.mean(), float(hits.double().mean())
 
 
 def _find_losses(network: DetectorNetwork, photos: torch.Tensor, places: torch.Tensor, target: Target) -> torch.Tensor:

@@ -36,7 +36,7 @@ MAX_SIDE_PX = 65_535
 """Longest side of a photograph: JPEG allows no more, and a line of a million pixels is no photograph."""
 MID_GREY = 128
 P3_PRIMARIES, HDR_TRANSFERS = 12, (16, 18)
-"""Of a HEIC without a profile: Display P3's, PQ and HLG (ITU-T H.273)."""
+"""Numbers in a HEIC without a profile: of Display P3's primaries, of PQ and of HLG (ITU-T H.273)."""
 SAME_CODES = 3
 """Rounding of a profile's tables, in 8-bit codes."""
 DRAFT_MARGIN = 2

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, model_serializer
 
 from toolkit.boosters.transforms import ImageTransform, PaperTransform, Probability, as_factors
-from toolkit.core.config import Config, Range, Rising
+from toolkit.core.config import FileRecord, Later, Range, Rising
 from toolkit.core.files import sha256_bytes
 from toolkit.core.lazy import F, np, scipy, torch
 from toolkit.objects.spec import printed_size_mm
@@ -151,14 +151,13 @@ class ProfiledPrint(ImageTransform):
     paper_linear: tuple[float, float, float]
     bleed_mm: Bleed = BLEED_MM
     texel_mm: Texel = printed_size_mm(1)
-    sheen: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    sheen: Annotated[float, Later, Field(ge=0, lt=1)] = 0.0
     probability: Probability = 1.0
 
     @model_serializer(mode="wrap")
-    def _dump(self, dump: Callable[[Config], dict[str, Any]]) -> dict[str, Any]:
-        settings = {"sha256" if name == "profile_sha256" else name: value for name, value in dump(self).items()}
-        # runs from before there was one keep their hash
-        return settings if self.sheen else {name: value for name, value in settings.items() if name != "sheen"}
+    def _dump(self, dump: Callable[[FileRecord], dict[str, Any]]) -> dict[str, Any]:
+        settings = super()._dump(dump)
+        return {"sha256" if name == "profile_sha256" else name: value for name, value in settings.items()}
 
     def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
         """Bleed in millimetres."""
