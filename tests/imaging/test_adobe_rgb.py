@@ -2,12 +2,13 @@
 
 import io
 import struct
+import zlib
 
 import numpy as np
 import pytest
 from PIL import ExifTags, Image, ImageCms
 
-from toolkit.imaging.colour import adobe_to_srgb
+from toolkit.imaging.colour import LINEAR_SRGB_OF_P3, adobe_to_srgb, linear_to_srgb, srgb_to_linear
 from toolkit.imaging.read import UnreadableImage, decode_image, read_image, register_heif
 
 COLOURS = np.array(
@@ -133,3 +134,74 @@ def test_an_hdr_heic_is_refused(tmp_path, transfer):
     save_heic(tmp_path / "hdr.heic", color_primaries=9, transfer_characteristics=transfer)
     with pytest.raises(UnreadableImage, match="HDR picture"):
         read_image(tmp_path / "hdr.heic")
+
+
+def add_chunk(content: bytes, kind: bytes, data: bytes) -> bytes:
+    """A PNG with another chunk after its first."""
+    chunk = struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    return content[:33] + chunk + content[33:]
+
+
+def png_bytes(pixels, **how) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG", **how)
+    return buffer.getvalue()
+
+
+def test_numbers_of_a_png_and_an_avif_are_those_of_a_heic(tmp_path):
+    """Display P3 by number shows as by profile; linear light is encoded; BT.2020 as colour-science has it."""
+    png = png_bytes(COLOURS)
+    (tmp_path / "p3.png").write_bytes(add_chunk(png, b"cICP", bytes([12, 13, 0, 1])))
+    found = read_image(tmp_path / "p3.png").astype(float) / 255
+    light = srgb_to_linear(COLOURS / 255) @ LINEAR_SRGB_OF_P3.T
+    assert np.abs(found - linear_to_srgb(light)).max() < 0.005
+    # the numbers come before a profile of another kind (PNG 3, 4.3)
+    linear = png_bytes(np.full((8, 8, 3), 64, np.uint8), icc_profile=srgb_primaries(b"sRGB IEC61966-2.1", 2.2))
+    (tmp_path / "linear.png").write_bytes(add_chunk(linear, b"cICP", bytes([1, 8, 0, 1])))
+    assert np.abs(read_image(tmp_path / "linear.png").astype(int) - 137).max() <= 1
+    grey = png_bytes(np.full((8, 8, 3), 128, np.uint8))
+    (tmp_path / "wide.png").write_bytes(add_chunk(grey, b"cICP", bytes([9, 13, 0, 1])))
+    assert np.abs(read_image(tmp_path / "wide.png").astype(int) - 128).max() <= 1  # the white is the same
+    buffer = io.BytesIO()
+    Image.fromarray(COLOURS).save(buffer, "AVIF", quality=100, subsampling="4:4:4")
+    avif = buffer.getvalue()
+    (tmp_path / "plain.avif").write_bytes(avif)
+    assert avif.count(b"colrnclx\0\1") == 1
+    (tmp_path / "p3.avif").write_bytes(avif.replace(b"colrnclx\0\1", b"colrnclx\0\x0c"))
+    light = srgb_to_linear(read_image(tmp_path / "plain.avif") / 255) @ LINEAR_SRGB_OF_P3.T
+    assert np.abs(read_image(tmp_path / "p3.avif") / 255 - linear_to_srgb(light)).max() < 0.005
+
+
+@pytest.mark.parametrize("transfer", [16, 18])
+def test_an_hdr_png_or_avif_is_refused(tmp_path, transfer):
+    (tmp_path / "a.png").write_bytes(add_chunk(png_bytes(COLOURS), b"cICP", bytes([9, transfer, 0, 1])))
+    buffer = io.BytesIO()
+    Image.fromarray(COLOURS).save(buffer, "AVIF")
+    start = buffer.getvalue().index(b"colrnclx") + 10
+    (tmp_path / "a.avif").write_bytes(buffer.getvalue()[:start] + bytes([0, transfer]) + buffer.getvalue()[start + 2 :])
+    for name in ("a.png", "a.avif"):
+        with pytest.raises(UnreadableImage, match="HDR picture"):
+            read_image(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("chunks", "expected"),
+    [
+        ([(b"gAMA", 100000)], 137),  # linear light, as ImageMagick writes it
+        ([(b"gAMA", 45455)], 64),  # sRGB's, or so
+        ([(b"gAMA", 55556)], 81),  # old Macintosh: (64 / 255) ** 1.8
+        ([(b"gAMA", 100000), (b"sRGB", None)], 64),
+        ([(b"gAMA", 0)], 64),
+    ],
+)
+def test_a_png_may_state_the_gamma_of_its_codes(tmp_path, chunks, expected):
+    content = png_bytes(np.full((8, 8, 3), 64, np.uint8))
+    for kind, value in chunks:
+        content = add_chunk(content, kind, b"\0" if value is None else struct.pack(">I", value))
+    (tmp_path / "a.png").write_bytes(content)
+    assert np.abs(read_image(tmp_path / "a.png").astype(int) - expected).max() <= 1
+
+
+def test_a_chunk_of_numbers_that_is_too_short_is_passed_over(tmp_path):
+    (tmp_path / "a.png").write_bytes(add_chunk(png_bytes(COLOURS), b"cICP", b"\1"))
+    assert (read_image(tmp_path / "a.png") == COLOURS).all()

@@ -62,15 +62,26 @@ def test_a_text_file_and_gaps_that_are_no_labels(tmp_path):
     [
         "0 bracket\n1 bolt\n2 washer\n", "2: washer\n0: bracket\n1: bolt\n", "1,bracket\n2,bolt\n3,washer\n",
         "n01440764 bracket\nn01443537 bolt\nn01484850 washer\n",
+        "bolt 1\nwasher 2\nbracket 0\n", "bracket,1\nbolt,2\nwasher,3\n",
     ],
 )  # fmt: skip
-def test_numbers_and_ids_before_the_names_of_a_text_are_left_out(tmp_path, text):
+def test_numbers_and_ids_beside_the_names_of_a_text_are_left_out(tmp_path, text):
     (tmp_path / "mine.txt").write_text(text)
     assert read_labels_file(tmp_path / "mine.pth").labels == NAMES
 
 
-@pytest.mark.parametrize("text", ["1 cent\n2 cent\n", "0 bracket\nbolt\n", "7: a\n9: b\n"])
-def test_names_that_begin_with_a_number_stay(tmp_path, text):
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1 cent\n2 cent\n",
+        "0 bracket\nbolt\n",
+        "7: a\n9: b\n",
+        "digit 0\ndigit 1\n",
+        "area 1\nzone 2\n",
+        "Boeing 707\nA 320\n",
+    ],
+)
+def test_names_with_a_number_stay(tmp_path, text):
     (tmp_path / "mine.txt").write_text(text)
     assert read_labels_file(tmp_path / "mine.pth").labels == text.splitlines()
 

@@ -60,8 +60,8 @@ def predict_captures(
 
 CHUNK = 128
 """Images between two writes: the most that a kill can cost."""
-PREDICTIONS = Work("prediction", 3)
-"""In the first version, the last digits depended on the batch. In the second, some colour profiles were misread."""
+PREDICTIONS = Work("prediction", 4)
+"""In the first version, the last digits depended on the batch. Until the third, some colours were misread."""
 
 
 class CachedPrediction(BaseModel):

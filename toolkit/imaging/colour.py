@@ -31,7 +31,12 @@ LINEAR_SRGB_OF_ADOBE = np.array(
 LINEAR_SRGB_OF_P3 = np.array(
     [[1.2249402, -0.2249402, 0.0], [-0.0420570, 1.0420570, 0.0], [-0.0196376, -0.0786361, 1.0982735]], np.float32
 )
-"""Display P3: SMPTE EG 432-1's primaries with sRGB's white and tone curve."""
+LINEAR_SRGB_OF_BT2020 = np.array(
+    [[1.6604910, -0.5876411, -0.0728499], [-0.1245505, 1.1328999, -0.0083494], [-0.0181508, -0.1005789, 1.1187297]],
+    np.float32,
+)
+PRIMARIES = {9: LINEAR_SRGB_OF_BT2020, 12: LINEAR_SRGB_OF_P3}
+"""By their number in ITU-T H.273: those of BT.2020 and of Display P3 (SMPTE EG 432-1), both with sRGB's white."""
 ROWS_AT_ONCE = 256
 
 
@@ -40,9 +45,15 @@ def adobe_to_srgb(codes: np.ndarray) -> np.ndarray:
     return _to_srgb(codes, (np.arange(256, dtype=np.float32) / 255) ** np.float32(ADOBE_GAMMA), LINEAR_SRGB_OF_ADOBE)
 
 
-def p3_to_srgb(codes: np.ndarray) -> np.ndarray:
-    """(h, w, 3) uint8 of Display P3 as uint8 sRGB; what sRGB cannot show is cut."""
-    return _to_srgb(codes, LINEAR_OF_CODE, LINEAR_SRGB_OF_P3)
+def rgb_to_srgb(codes: np.ndarray, primaries: int = 1, gamma: float | None = None) -> np.ndarray:
+    """(h, w, 3) uint8 of other primaries, of `PRIMARIES`, and another tone curve as uint8 sRGB; the rest is cut.
+
+    Args:
+        primaries: their number; those of any other are sRGB's.
+        gamma: the power of a code that is its light, 1 for linear light; None: sRGB's curve.
+    """
+    light = LINEAR_OF_CODE if gamma is None else (np.arange(256, dtype=np.float32) / 255) ** np.float32(gamma)
+    return _to_srgb(codes, light, PRIMARIES.get(primaries, np.eye(3, dtype=np.float32)))
 
 
 def _to_srgb(codes: np.ndarray, light: np.ndarray, matrix: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from PIL import ExifTags, Image, ImageCms, ImageOps
@@ -18,7 +18,7 @@ from PIL import ExifTags, Image, ImageCms, ImageOps
 from toolkit.core.errors import ToolkitError, foreign_code
 from toolkit.core.files import open_plain, real_path, walk_folders
 from toolkit.core.lazy import cv2
-from toolkit.imaging.colour import adobe_to_srgb, p3_to_srgb
+from toolkit.imaging.colour import PRIMARIES, adobe_to_srgb, rgb_to_srgb
 
 IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".heic", ".heif", ".avif", ".bmp", ".gif")
@@ -27,6 +27,8 @@ FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "HEIF", "AVIF", "BMP", "GIF")
 """Pillow's readers in use for files of any name; the EPS reader would start Ghostscript."""
 TEXTURE_FORMATS = (*FORMATS, "TGA", "DDS", "PPM", "JPEG2000")
 """With the formats of modelling programs."""
+AVIF_HEAD = 65_536
+"""Bytes at the start of an AVIF that hold the boxes about its colours."""
 PNG_START, RADIANCE_START, EXR_START = b"\x89PNG\r\n\x1a\n", b"#?", b"v/1\1"
 MAX_MEGAPIXELS = 175
 """Most pixels of photographs and textures: they take 0.7 GB, just below Pillow's own limit."""
@@ -35,8 +37,10 @@ MAX_TEXTURE_PX = 8192
 MAX_SIDE_PX = 65_535
 """Longest side of a photograph: JPEG allows no more, and a line of a million pixels is no photograph."""
 MID_GREY = 128
-P3_PRIMARIES, HDR_TRANSFERS = 12, (16, 18)
-"""Numbers in a HEIC without a profile: of Display P3's primaries, of PQ and of HLG (ITU-T H.273)."""
+LINEAR_TRANSFER, HDR_TRANSFERS = 8, (16, 18)
+"""Numbers of tone curves (ITU-T H.273): linear, PQ and HLG. The others are near sRGB's."""
+SRGB_GAMMA, SAME_GAMMA = 1 / 2.2, 0.03
+"""What a PNG of sRGB states as gamma, and differences from it that do not count."""
 SAME_CODES = 3
 """Rounding of a profile's tables, in 8-bit codes."""
 DRAFT_MARGIN = 2
@@ -102,10 +106,37 @@ def open_image(path: Path, content: bytes | None = None) -> Iterator[Image.Image
         stream.seek(0)
         with Image.open(stream, formats=_list_readers(FORMATS)) as image:
             _check_size(path, *image.size)
-            nclx = image.info.get("nclx_profile") or {}
-            if nclx.get("transfer_characteristics") in HDR_TRANSFERS and not image.info.get("icc_profile"):
+            _note_colour_numbers(image, stream)
+            if _colour_numbers(image)[1] in HDR_TRANSFERS:
                 raise UnreadableImage(path, "an HDR picture (PQ or HLG): save it as JPEG, or photograph without HDR")
             yield image
+
+
+def _note_colour_numbers(image: Image.Image, stream: BinaryIO) -> None:
+    """Note the numbers of primaries and tone curve of a PNG or AVIF as those of a HEIC are: Pillow passes over them."""
+    place, found = stream.tell(), None
+    if image.format == "PNG":
+        stream.seek(len(PNG_START))
+        # chunks before the pixels: length, name, content, checksum
+        while len(head := stream.read(8)) == 8 and head[4:] != b"IDAT" and found is None:
+            found = struct.unpack("BBxx", stream.read(4)) if head == b"\0\0\0\4cICP" else None
+            stream.seek(int.from_bytes(head[:4], "big") + 4, io.SEEK_CUR)
+    elif image.format == "AVIF":
+        stream.seek(0)
+        if box := re.search(rb"colrnclx(.{4})", stream.read(AVIF_HEAD), re.DOTALL):
+            found = struct.unpack(">HH", box[1])
+    stream.seek(place)
+    if found is not None:
+        image.info["nclx_profile"] = {"color_primaries": found[0], "transfer_characteristics": found[1]}
+
+
+def _colour_numbers(image: Image.Image) -> tuple[int, int]:
+    """Numbers of an image's primaries and tone curve (ITU-T H.273); 1 and 13 are sRGB's, also of one with a profile."""
+    numbers = image.info.get("nclx_profile") or {}
+    # a profile tells more; in a PNG the numbers come first (PNG 3, 4.3)
+    if image.info.get("icc_profile") and image.format != "PNG":
+        numbers = {}
+    return numbers.get("color_primaries", 1), numbers.get("transfer_characteristics", 13)
 
 
 def decoding(path: Path, what: str = "{}") -> contextlib.AbstractContextManager[None]:
@@ -293,7 +324,7 @@ def _turn_upright(image: Image.Image) -> Image.Image:
 def _to_rgb(image: Image.Image) -> Image.Image:
     # read first: conversions drop them
     profile, is_adobe = image.info.get("icc_profile"), _is_adobe_rgb(image)
-    nclx = image.info.get("nclx_profile") or {}
+    (primaries, transfer), gamma = _colour_numbers(image), _gamma_of(image)
     image = _to_eight_bits(image)
     # palettes become plain RGB, and transparency a channel
     if image.mode in ("P", "PA", "RGBa", "La") or "transparency" in image.info:
@@ -303,18 +334,30 @@ def _to_rgb(image: Image.Image) -> Image.Image:
     alpha = image.getchannel("A") if image.mode in ("LA", "RGBA") else None
     if alpha is not None:
         image = image.convert("L" if image.mode == "LA" else "RGB")
-    # colours become sRGB, by the embedded profile, Adobe's mark or the numbers of a HEIC
-    if profile:
+    # colours become sRGB, by the numbers of a PNG, HEIC or AVIF, the embedded profile, Adobe's mark or a PNG's gamma
+    if primaries in PRIMARIES or transfer == LINEAR_TRANSFER:
+        pixels = np.asarray(image.convert("RGB"))
+        image = Image.fromarray(rgb_to_srgb(pixels, primaries, 1.0 if transfer == LINEAR_TRANSFER else None))
+    elif profile:
         image = _to_srgb(image, profile)
     elif is_adobe and image.mode == "RGB":
         image = Image.fromarray(adobe_to_srgb(np.asarray(image)))
-    elif nclx.get("color_primaries") == P3_PRIMARIES and image.mode == "RGB":
-        image = Image.fromarray(p3_to_srgb(np.asarray(image)))
+    elif gamma is not None:
+        image = Image.fromarray(rgb_to_srgb(np.asarray(image.convert("RGB")), gamma=1 / gamma))
     image = image if image.mode == "RGB" else image.convert("RGB")
     # transparent pixels show a mid grey
     if alpha is None:
         return image
     return Image.composite(image, Image.new("RGB", image.size, (MID_GREY,) * 3), alpha)
+
+
+def _gamma_of(image: Image.Image) -> float | None:
+    """The exponent that a PNG states for its codes, such as 1 of linear light; None where it is sRGB's, or unknown."""
+    gamma = image.info.get("gamma")
+    # 13 and a rendering intent say sRGB, whatever the gamma beside them (PNG 3, 4.3)
+    if not gamma or "srgb" in image.info or "nclx_profile" in image.info or abs(gamma - SRGB_GAMMA) < SAME_GAMMA:
+        return None
+    return float(gamma)
 
 
 def _is_adobe_rgb(image: Image.Image) -> bool:

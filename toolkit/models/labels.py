@@ -258,7 +258,7 @@ def read_lines(text: Path) -> list[str]:
 
 
 def read_names(text: Path) -> list[str]:
-    """Read the names of classes in the lines of a text file; numbers and WordNet ids before all names are left out.
+    """Read the names of classes in the lines of a text file, without numbers beside all names or WordNet ids before.
 
     Raises:
         ToolkitError: the file is empty, or no text.
@@ -275,11 +275,20 @@ def read_names(text: Path) -> list[str]:
         if found is None:
             raise ToolkitError(f"{text}: expected the name of a class on each line, or a list of all: correct it")
         return found
-    by_index = {int(row[1]): row for line in lines if (row := re.fullmatch(r"(\d+) *([:,;\t ]) *(.+)", line))}
-    keys = _in_order(by_index, {key: key for key in by_index}) if len(by_index) == len(lines) else None
-    # "1 cent" is a name: a space alone separates only if the numbers begin at 0
-    if keys is not None and (keys[0] == 0 or all(row[2] != " " for row in by_index.values())):
-        return [by_index[key][3] for key in keys]
+    # an index before each name, or behind it as Places365 has it
+    for pattern in (
+        r"(?P<index>\d+) *(?P<mark>[:,;\t ]) *(?P<name>.+)",
+        r"(?P<name>.+?) *(?P<mark>[:,;\t ]) *(?P<index>\d+)",
+    ):
+        by_index = {int(row["index"]): row for line in lines if (row := re.fullmatch(pattern, line))}
+        keys = _in_order(by_index, {key: key for key in by_index}) if len(by_index) == len(lines) else None
+        # "1 cent" is a name: a space alone separates only if the numbers begin at 0
+        if keys is None or (keys[0] != 0 and any(row["mark"] == " " for row in by_index.values())):
+            continue
+        names = [by_index[key]["name"] for key in keys]
+        # of "digit 0", "digit 1" the number is part of the name
+        if len(names) == 1 or len(set(names)) > 1:
+            return names
     wnids = [re.fullmatch(r"n\d{8}\s+(.+)", line) for line in lines]
     return [wnid[1] for wnid in wnids if wnid] if all(wnids) else lines
 

@@ -421,10 +421,9 @@ def _lies_double(surface: Surface, region: Region) -> np.ndarray:
     grid -= grid.min(axis=0)
     key = grid[:, 0] * (int(grid[:, 1].max()) + 1) + grid[:, 1]
     # in each cell the first face leads; samples that lie far from it in space are of another part
-    order = np.lexsort((face, key))  # faces came in the order of their rows
-    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
-    leader = order[np.repeat(starts, np.diff(starts, append=len(order)))]
-    far = np.linalg.norm(solid[order] - solid[leader], axis=1) > 4 * cell
+    leader = np.zeros(int(key.max()) + 1, np.int64)
+    leader[key[::-1]] = np.arange(len(key))[::-1]  # the last that is written stays
+    far = np.linalg.norm(solid - solid[leader[key]], axis=1) > 4 * cell
     double = np.zeros(len(area), bool)
-    double[face[order[far]]] = True
+    double[face[far]] = True
     return double

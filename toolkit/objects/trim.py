@@ -237,8 +237,9 @@ def _draw(flat: np.ndarray) -> np.ndarray:
     places = (flat - low) / PIXEL_MM + 2
     wide, high = np.ceil(places.reshape(-1, 2).max(axis=0)).astype(int) + 3
     picture = np.zeros((high, wide), np.uint8)
+    fill = cv2.fillConvexPoly
     for triangle in np.round(places * 16).astype(np.int32):
-        cv2.fillConvexPoly(picture, triangle, 1, shift=4)
+        fill(picture, triangle, 1, shift=4)
     return picture
 
 
