@@ -1,7 +1,8 @@
 """Write the predictions of several networks for sets of boosters, clear and corrupted, into one table.
 
 Called as transfer_cells.py CSV SET=WORKSPACE … MATRIX …: each run in WORKSPACE/eval is of one network, by
-`toolkit eval captures --corrupt common` of the plan, bare and boosted; each MATRIX is a `matrix.json` of
+`toolkit eval captures --corrupt common` of the plan, bare and boosted; of a detector, the images in which it finds the
+object count. Each MATRIX is a `matrix.json` of
 `toolkit transfer`, whose sets are called `without NETWORK`, and `without NETWORK, painted freely` where textures were
 trained without `--max-change`. A set's patches, textures or wraps of which no source has any stay in the CSV.
 """
@@ -32,7 +33,7 @@ def read_run(run: str, summary: dict[str, Any]) -> Iterator[Row]:
     pooled: dict[tuple[str, str], Row] = defaultdict(lambda: dict.fromkeys(COUNTS, 0))
     cells: set[str] = set()
     head = {"network": model["name"], "sha256": model["sha256"][:16]}
-    for row in list_changes(run, summary):
+    for row in list_found(summary) if "detections_sha256" in summary else list_changes(run, summary):
         source, name, variant = row["source"], row["object"], row["variant"]
         if variant not in BOOSTERS:
             continue
@@ -48,6 +49,16 @@ def read_run(run: str, summary: dict[str, Any]) -> Iterator[Row]:
         for (name, variant), counts in pooled.items():
             what = {"seen": variant in seen, "booster": BOOSTERS[variant], "air": ALL, "object": name}
             yield head | what | counts | {"p": None}
+
+
+def list_found(summary: dict[str, Any]) -> Iterator[Row]:
+    """Rows as of `list_changes`, of the images in which a detector finds the object."""
+    for pair in summary["pairs"]:
+        yield {
+            "source": pair["source"], "object": pair["object"], "variant": pair["variant"], "n": pair["n_pairs"],
+            "bare": pair["n_first"], "boosted": pair["n_second"], "gained": pair["gained"], "lost": pair["lost"],
+            "p": pair["mcnemar_p"],
+        }  # fmt: skip
 
 
 def read_workspace(folder: Path) -> Iterator[Row]:
