@@ -19,11 +19,11 @@ from toolkit.captures.shoot import shoot_plan
 from toolkit.captures.view_3d import gather_view, open_viewer, show_view
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
-from toolkit.objects.wrap import write_wrap
-from toolkit.rig import WrapConfig
 from toolkit.rig.camera import as_quaternion
 from toolkit.rig.plan import open_plan, read_plan
-from toolkit.rig.wrap_plan import plan_wrap
+from toolkit.rooms.wraps.config import WrapConfig
+from toolkit.rooms.wraps.wrap import write_wrap
+from toolkit.rooms.wraps.wrap_plan import plan_wrap
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,6 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
 from toolkit.objects.records import BoosterRecord, NetworkRecord
-from toolkit.objects.wrap import Wrap
 from toolkit.rig.mount import MountedSheet, PaperMargin
 
 GREY = 128
@@ -29,6 +28,8 @@ class AppliedBooster(ABC):
     To add a kind, derive a class, write a `find` function, and register both:
 
         register(BoosterKind("banded", "band", find_band))
+
+    A room offers its kind as `variant:banded` in place of the call.
     """
 
     pixels: np.ndarray  # (n, n, 3) uint8 sRGB
@@ -37,7 +38,6 @@ class AppliedBooster(ABC):
     # side of each sheet of paper, in the order of the object's mounts; empty if it is on no sheets
     sizes_mm: tuple[float, ...] = ()
     alone: bool = False  # lies flat on the table, and the object is not there
-    wrap: Wrap | None = None  # whose pieces are stuck on; None if there are no pieces
     margin: PaperMargin = "white"  # what is on the paper around the patch on each sheet
 
     @abstractmethod
@@ -83,6 +83,10 @@ class AppliedBooster(ABC):
     def covering(self, item: TableObject, share: float) -> "AppliedBooster":
         """Return the booster on so large a share of what cameras see; itself if its kind has no parts to leave off."""
         return self
+
+    def draw_guide(self, item: TableObject) -> Callable[[Any, Any], None] | None:
+        """Return what draws on a `Pdf`, in a `Rect`, where its pieces go; None if it has no pieces."""
+        return None
 
     def list_facts(self) -> dict[str, str]:
         """Return what its card tells of it beside sizes and hashes."""

@@ -1,6 +1,6 @@
 """A wrap's pieces, stuck on an object."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -15,7 +15,9 @@ from toolkit.core.files import read_json
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
-from toolkit.objects.wrap import (
+from toolkit.rig.applied.base import AppliedBooster, BoosterKind, Pieces, StoredBooster, StoredTraining
+from toolkit.rooms.wraps.config import Misfit
+from toolkit.rooms.wraps.wrap import (
     MAP_FILE,
     RECORD_FILE,
     Wrap,
@@ -27,9 +29,7 @@ from toolkit.objects.wrap import (
     read_wrap,
     wrap_folder,
 )
-from toolkit.rig import Misfit
-from toolkit.rig.applied.base import AppliedBooster, BoosterKind, Pieces, StoredBooster, StoredTraining
-from toolkit.rig.wrapped import draw_places, fill_canvas, wear_wrap
+from toolkit.rooms.wraps.wrapped import draw_places, fill_canvas, wear_wrap
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,15 @@ class WrapBooster(AppliedBooster):
 
     def covering(self, item: TableObject, share: float) -> "WrapBooster":
         """Return the wrap with its best pieces alone, up to so large a share of what cameras see."""
-        from toolkit.rig.wrap_plan import take_best  # brings the renderer, which most commands do without
+        from toolkit.rooms.wraps.wrap_plan import take_best  # brings the renderer, which most commands do without
 
         return replace(self, wrap=take_best(self.wrap, item, share), coverage=share)
+
+    def draw_guide(self, item: TableObject) -> Callable[[Any, Any], None]:
+        """Return what draws the object from six sides, its pieces numbered."""
+        from toolkit.rooms.wraps.printing.wrap_views import draw_sides, place_sides  # bring the page
+
+        return partial(place_sides, views=draw_sides(item.mesh, self.wrap))
 
     def list_facts(self) -> dict[str, str]:
         """Return number and material of its pieces, and what they cover."""

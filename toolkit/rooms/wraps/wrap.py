@@ -29,7 +29,7 @@ from toolkit.objects.records import (
     read_usable,
     unpack_arrays,
 )
-from toolkit.objects.spec import MOST_PIECES, Material
+from toolkit.rooms.wraps.config import MOST_PIECES, Material
 
 if TYPE_CHECKING:
     from shapely import Polygon
