@@ -28,6 +28,7 @@ NOUNS = {kind.variant: kind.noun for kind in KINDS}
 """Variant of each kind -> what people call it."""
 VARIANTS = ("unpatched", *NOUNS, *CONTROLS)
 IN_PIECES = tuple(kind.variant for kind in KINDS if kind.find_pieces is not None)
+"""Variants of boosters that are stuck on in flat pieces."""
 ON_PAPER = tuple(variant for variant, kind in KIND_OF.items() if kind.is_on_paper)
 
 

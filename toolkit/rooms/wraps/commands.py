@@ -1,4 +1,4 @@
-"""`toolkit wrap` and `train-wrap`, and what `toolkit print --wrap` prints."""
+"""`toolkit wrap` and `train-wrap`, and the printing of pieces for `toolkit print`."""
 
 from dataclasses import asdict
 from pathlib import Path

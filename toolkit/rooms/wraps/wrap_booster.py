@@ -144,10 +144,11 @@ def list_wrap_trainings(workspace: Workspace) -> Iterator[StoredTraining]:
 
 
 def find_wrap_pieces(workspace: Workspace, item: TableObject) -> Pieces | None:
-    """Return the pieces of an object's wrap; raises as `find_wrap`, but for a missing wrap."""
-    if wrap_folder(workspace, item) is None:
+    """Return the pieces of an object's wrap; None without a wrap. Raises as `find_wrap` if the wrap is broken."""
+    if (folder := wrap_folder(workspace, item)) is None:
         return None
-    wrap = find_wrap(workspace, item)
+    wrap = read_wrap(folder)
+    check_wrap(wrap, item)
     record, placed = wrap.record, list(zip(wrap.pieces, wrap.record.pieces, strict=True))
     return Pieces(
         record.name, record.booster is not None or record.picture is not None, fill_canvas(wrap, len(item.mesh.faces)),
