@@ -68,7 +68,7 @@ def forked_workers(monkeypatch):
 @pytest.fixture
 def few_views(monkeypatch):
     """Wraps are trained on 4 views and judged by 4, not by 96 and 72."""
-    from toolkit.boosters.texture_config import WRAP_RECIPES
+    from toolkit.rooms.wraps.wrap_config import WRAP_RECIPES
 
     fewer = WRAP_RECIPES["default"].model_copy(update={"studios": 1, "per_studio": 4, "held_out": 1})
     monkeypatch.setitem(WRAP_RECIPES, "default", fewer)

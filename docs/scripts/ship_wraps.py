@@ -14,7 +14,7 @@ from toolkit.core.files import sha256_bytes, write_bytes, write_text
 from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import pack_arrays, unpack_arrays
-from toolkit.objects.wrap import MAP_FILE, RECORD_FILE, check_wrap, piece_name, read_wrap
+from toolkit.rooms.wraps.wrap import MAP_FILE, RECORD_FILE, check_wrap, piece_name, read_wrap
 
 ARRAYS = ["faces", "flat_mm", "piece"]
 

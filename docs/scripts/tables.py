@@ -12,12 +12,12 @@ from toolkit.core.tables import FormattedNumber, decode_cell, encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.models.load import read_bundled
 from toolkit.objects.records import PatchRecord, TextureRecord, read_patch, read_texture
-from toolkit.rig.applied.wrap import WRAP
 from toolkit.rooms.benchmarks.challenge.score import Score, describe_rank
 from toolkit.rooms.benchmarks.corruptions import CLEAN
 from toolkit.rooms.benchmarks.corruptions.benchmark_summary import Summary, read_summary
 from toolkit.rooms.benchmarks.sweeps.axes import AXES
 from toolkit.rooms.benchmarks.transfer.leave_one_out import BOOSTED
+from toolkit.rooms.wraps.wrap_booster import WRAP
 
 DOCS = Path(__file__).resolve().parents[1]
 RECORDS = DOCS / "records"

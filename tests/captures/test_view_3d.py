@@ -19,11 +19,11 @@ from toolkit.captures.shoot import shoot_plan
 from toolkit.captures.view_3d import gather_view, open_viewer, show_view
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
-from toolkit.objects.wrap import write_wrap
-from toolkit.rig import WrapConfig
 from toolkit.rig.camera import as_quaternion
 from toolkit.rig.plan import open_plan, read_plan
-from toolkit.rig.wrap_plan import plan_wrap
+from toolkit.rooms.wraps.config import WrapConfig
+from toolkit.rooms.wraps.wrap import write_wrap
+from toolkit.rooms.wraps.wrap_plan import plan_wrap
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def test_the_scene_has_object_pieces_and_cameras(space):
         nodes = read_nodes(server)
     finally:
         server.stop()
-    numbers = range(1, len(view.wrap.pieces) + 1)
+    numbers = range(1, len(view.pieces["wrap"].faces) + 1)
     assert len(numbers) > 1
     expected = {"/table", "/object", *(f"/wrap/{what}{k}" for k in numbers for what in ("piece ", "numbers/"))}
     expected |= {f"/plan/pose {k}" for k in (1, 2)}
@@ -99,7 +99,7 @@ def test_cameras_are_as_the_plan_and_the_manifest_have_them(space):
             planned = frusta[f"/plan/{name.rsplit('/', 1)[1]}"]
             np.testing.assert_allclose(one.T_world_camera, planned.T_world_camera, atol=1e-6)
             assert (one.fov, one.aspect) == pytest.approx((planned.fov, planned.aspect))
-    count = len(view.wrap.pieces)
+    count = len(view.pieces["wrap"].faces)
     assert view.left_out == ()
     assert list(view.lines()) == [f"crate: 2 planned poses, 4 images, {count} pieces of its wrap"]
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from toolkit.objects.mesh import Mesh, hash_shape
-from toolkit.objects.wrap import FlatPiece, PieceRecord, Wrap, WrapRecord
+from toolkit.rooms.wraps.wrap import FlatPiece, PieceRecord, Wrap, WrapRecord
 
 N_PX, TEXEL_MM = 512, 0.5
 FRONT_AND_TOP, SIDE = (10, 10), (240, 240)

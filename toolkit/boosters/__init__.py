@@ -1,1 +1,1 @@
-"""Boosters of an object: unadversarial patches, textures and wraps, and their training."""
+"""Boosters of an object: unadversarial patches and textures, and their training."""

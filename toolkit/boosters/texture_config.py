@@ -1,11 +1,11 @@
-"""The settings of a texture's and a wrap's training, and their recipes."""
+"""The settings of a texture's training, and their recipes."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from toolkit.boosters.pixel_config import (
     AUGMENTATION,
@@ -22,12 +22,9 @@ from toolkit.boosters.pixel_config import (
 )
 from toolkit.boosters.transforms import OF_NETWORKS
 from toolkit.boosters.transforms.camera import Exposure
-from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint
 from toolkit.boosters.transforms.weather import Fog
 from toolkit.core.config import Expect, Flag, Later, Range, Rising
 from toolkit.core.errors import FieldError
-from toolkit.objects.spec import MOST_PIECES
-from toolkit.rig import STUCK_ON, Misfit
 from toolkit.rig.renderers import RAYCAST, RENDERERS, check_renderer, check_world_renderer
 
 if TYPE_CHECKING:
@@ -264,79 +261,3 @@ def fit_recipe(recipes: dict[str, Surface], recipe: str, overrides: Mapping[str,
     config = base.with_overrides(fitted)
     config.check_backgrounds()
     return config
-
-
-PRINTED = 0.5
-"""Share of the steps in which the wrap is a print, and not shown as the files have it."""
-
-
-def check_object(names: tuple[str, ...]) -> tuple[str, ...]:
-    """One object."""
-    if len(names) != 1:
-        raise FieldError("expected one object to wear the wrap; 'toolkit objects' lists them", {"objects": names})
-    return names
-
-
-def read_counts(given: Any) -> Any:
-    """`1..12`, or a single number, as the fewest and the most."""
-    if not isinstance(given, str):
-        return given
-    low, _, high = given.partition("..")
-    return (low, high or low)
-
-
-def check_counts(counts: tuple[int, int]) -> tuple[int, int]:
-    """Positive, and rising."""
-    if not 1 <= counts[0] <= counts[1] <= MOST_PIECES:
-        raise ValueError(f"expected numbers of pieces such as 1..12, at most {MOST_PIECES}")
-    return counts
-
-
-class WrapTrainConfig(TextureConfig):
-    """Every setting of a wrap's training; its size, and what keeps its paint, are the plan's."""
-
-    stages = ("print", *TextureConfig.stages)
-    objects: Annotated[
-        tuple[str, ...], AfterValidator(check_object), Flag("--object", metavar="NAME", group=WEARS)
-    ] = Field((), validate_default=False, exclude=True, description="Object that the wrap is for.")  # fmt: skip
-    size_px: int = Field(200, exclude=True)
-    keep: tuple[()] = Field((), exclude=True)
-    keep_image: None = Field(None, exclude=True)
-    renderer: Literal["raycast"] = Field("raycast", exclude=True)
-    unwrap: None = Field(None, exclude=True)
-    start: Annotated[Path | None, Flag(metavar="FILE", group=STEPS)] = Field(
-        None,
-        exclude=True,
-        description="Go on from this, in place of noise: the folder of a wrap, a texture's PNG, or a picture in the "
-        "object's texture coordinates. From a picture, {max_change} is counted from it.",
-    )
-    pieces: Annotated[
-        Annotated[tuple[int, int], AfterValidator(check_counts)] | None,
-        BeforeValidator(read_counts), Expect("numbers of pieces such as 1..12"), Later,
-        Flag("--pieces", metavar="LOW..HIGH", group=WEARS, typed=str),
-    ] = Field(
-        None,
-        description="Rank the pieces by what the networks say, and keep the fewest of so many that do as well as more. "
-        "Default: all are kept.",
-    )  # fmt: skip
-    print_process: Annotated[PrintProcess | ProfiledPrint | None, Flag(group=AUGMENTATION)] = Field(
-        None, description="Show the patch in the inks of a desktop printer."
-    )
-    misfit: Annotated[Misfit | None, Flag(group=STUCK_ON)] = Field(
-        None, description="Stick each piece a little beside its place, in each studio another way."
-    )
-
-
-_texture = RECIPES["default"]
-WRAP_RECIPES: dict[str, WrapTrainConfig] = {
-    "default": WrapTrainConfig(
-        **{name: getattr(_texture, name) for name in TextureConfig.model_fields if name not in ("objects", "about")},
-        about=f"{_texture.about}, printed and stuck on by hand",
-        print_process=PrintProcess(probability=PRINTED), misfit=Misfit(),
-    )
-}  # fmt: skip
-
-
-def make_wrap_config(recipe: str, overrides: Mapping[str, Any]) -> WrapTrainConfig:
-    """A recipe of a wrap with overrides, see `fit_recipe`."""
-    return fit_recipe(WRAP_RECIPES, recipe, overrides)

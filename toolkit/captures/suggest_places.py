@@ -1,4 +1,4 @@
-"""Find places for sheets and flat pieces on an object, draw them, try them by training, and keep them."""
+"""Find places for sheets on an object, draw them, try them by training, and keep them."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -10,15 +10,14 @@ from toolkit.captures.render import ObjectPreview, preview_object
 from toolkit.captures.shoot import ShootSettings, studio_for
 from toolkit.core.errors import FieldError
 from toolkit.core.files import write_bytes
-from toolkit.core.text import join_words, quote
-from toolkit.core.workspace import PACKAGE_DATA, Workspace
+from toolkit.core.text import join_words
+from toolkit.core.workspace import Workspace
 from toolkit.models.find import find_class
 from toolkit.objects.add import DEFAULT_PATCH_MM, AddedObject, add_object
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import make_ray_scene
 from toolkit.objects.spec import ObjectRequest, PatchMount, Side, read_spec, write_mounts
-from toolkit.objects.wrap import Wrap, write_wrap
-from toolkit.rig import Pattern, PlaceConfig, WrapConfig
+from toolkit.rig import Pattern, PlaceConfig
 from toolkit.rig.camera import Camera
 from toolkit.rig.fit import describe_misfit, mounted_sizes_mm
 from toolkit.rig.patch_places import (
@@ -31,8 +30,6 @@ from toolkit.rig.patch_places import (
     share_seen,
 )  # fmt: skip
 from toolkit.rig.plan import open_plan, plan_poses
-from toolkit.rig.plan_pictures import draw_pieces, draw_stretch
-from toolkit.rig.wrap_plan import plan_wrap
 
 if TYPE_CHECKING:
     from toolkit.boosters.pixels import Network
@@ -296,75 +293,3 @@ def describe_small_sheet(item: TableObject) -> str:
         f"of a picture of all of it: print it larger ('--size-mm {length_mm / 3:.0f} --replace' is a third), or set "
         "length_mm if the real object is smaller"
     )
-
-
-PIECE_TITLES = ("piece", "size, mm", "area, cm²", "stretch", "folds", "meets")
-
-
-@dataclass(frozen=True)
-class SuggestedWrap:
-    """A plan of pieces."""
-
-    wrap: Wrap
-    folder: Path
-    preview: Path
-    stretch: Path
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the result for a script."""
-        record, shown = self.wrap.record, {"number", "width_mm", "height_mm", "area_mm2", "stretch"}
-        pieces = [piece.model_dump(include=shown) for piece in record.pieces]
-        return {
-            "object": record.object, "folder": str(self.folder), "preview": str(self.preview),
-            "stretch_picture": str(self.stretch), "covered": record.covered,
-            "covered_surface": record.covered_surface, "texel_mm": record.texel_mm, "n_px": record.n_px,
-            "pieces": pieces,
-        }  # fmt: skip
-
-    def rows(self) -> list[tuple[str, ...]]:
-        """Return a row under `PIECE_TITLES` for each piece."""
-        return [
-            (
-                str(piece.number), f"{piece.width_mm:.0f} × {piece.height_mm:.0f}", f"{piece.area_mm2 / 100:.1f}",
-                f"{piece.stretch:.1%}", str(len(piece.folds_mm)),
-                ", ".join(map(str, sorted({seam.piece for seam in piece.seams}))),
-            )
-            for piece in self.wrap.record.pieces
-        ]  # fmt: skip
-
-    def lines(self) -> Iterator[str]:
-        """Yield sentences on coverage, files, and the next commands."""
-        record = self.wrap.record
-        count = "1 piece covers" if len(record.pieces) == 1 else f"{len(record.pieces)} pieces cover"
-        yield (
-            f"{count} {record.covered:.0%} of the area of {record.object} that random cameras see "
-            f"({record.covered_surface:.0%} of its surface); 95 % of each is stretched by {record.stretch_allowed:.1%} "
-            "or less"
-        )
-        yield f"{self.preview}: the pieces on the object; {self.stretch}: their stretch"
-        yield f"wrote {self.folder}"
-        if (PACKAGE_DATA / "wraps" / record.name).is_dir():
-            yield f"these pieces hide the shipped wrap of {record.name}: delete the folder to use that wrap again"
-        if record.picture is None:
-            yield f"next: toolkit train-wrap --object {record.object}, then toolkit print --wrap {record.name}"
-            return
-        start = f"toolkit train-wrap --object {record.object} --start {quote(self.folder)}"
-        yield f"{record.picture.name} is on the pieces, {record.texel_mm:g} mm a texel"
-        yield f"next: toolkit print --wrap {record.name}; to train it further: {start}"
-
-
-def suggest_wrap(workspace: Workspace, object_name: str, config: WrapConfig, seed: int = 0) -> SuggestedWrap:
-    """Plan the pieces of an object, draw them, and write them to `print/wraps/NAME`.
-
-    Raises:
-        ToolkitError: the object is unknown, or no part of it can be covered flat.
-    """
-    item = load_object(workspace.object_spec(object_name))
-    wrap = plan_wrap(item, config, seed)
-    folder = workspace.wraps_dir / wrap.record.name
-    wrap = write_wrap(folder, wrap)
-    preview = workspace.root / "rig" / "preview" / f"{object_name}-wrap.png"
-    stretch = preview.with_name(f"{object_name}-wrap-stretch.png")
-    write_bytes(preview, draw_pieces(item, wrap, studio_for(item, ShootSettings())))
-    write_bytes(stretch, draw_stretch(item, wrap))
-    return SuggestedWrap(wrap, folder, preview, stretch)

@@ -1,9 +1,9 @@
-"""`toolkit view`: an object with planned cameras, captures and the pieces of its wrap, in a 3D viewer."""
+"""`toolkit view`: an object with planned cameras, captures and the pieces of its boosters, in a 3D viewer."""
 
 import contextlib
 import io
 import socket
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -20,10 +20,10 @@ from toolkit.objects.atlas import split_vertices
 from toolkit.objects.export_mesh import MM_PER_M, T_GLTF_WORLD, to_glb
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Material, Mesh
-from toolkit.objects.wrap import Wrap, find_wrap, wrap_folder
+from toolkit.rig.applied.base import Pieces
+from toolkit.rig.applied.kinds import KINDS
 from toolkit.rig.camera import as_quaternion
 from toolkit.rig.plan import open_plan
-from toolkit.rig.wrapped import fill_canvas
 
 if TYPE_CHECKING:
     import viser
@@ -59,23 +59,27 @@ class Frustum:
 
 @dataclass(frozen=True)
 class View3d:
-    """Scene of the viewer."""
+    """Scene of the viewer.
+
+    Attributes:
+        pieces: pieces on the object, by what people call their kind of booster, such as `wrap`.
+    """
 
     item: TableObject
     frusta: tuple[Frustum, ...]
-    wrap: Wrap | None = None
+    pieces: Mapping[str, Pieces] = field(default_factory=dict)
     left_out: tuple[tuple[str, str], ...] = field(default=())
 
     def lines(self) -> Iterator[str]:
         """Yield the numbers of poses, images and pieces."""
         captures = sum(frustum.capture is not None for frustum in self.frusta)
         parts = [count_of(len(self.frusta) - captures, "planned pose"), count_of(captures, "image")]
-        parts += [] if self.wrap is None else [f"{count_of(len(self.wrap.pieces), 'piece')} of its wrap"]
+        parts += [f"{count_of(len(pieces.faces), 'piece')} of its {noun}" for noun, pieces in self.pieces.items()]
         yield f"{self.item.name}: {', '.join(parts)}"
 
 
 def gather_view(workspace: Workspace, name: str | None = None, sources: Sequence[str] = ()) -> View3d:
-    """Read plan, captures and wrap of an object.
+    """Read plan, captures and pieces of an object.
 
     Raises:
         ToolkitError: there is no such object, source or plan, or a file is broken.
@@ -103,8 +107,9 @@ def gather_view(workspace: Workspace, name: str | None = None, sources: Sequence
                 left_out.append((capture.path, frustum))
             else:
                 frusta.append(frustum)
-    wrap = find_wrap(workspace, item) if wrap_folder(workspace, item) is not None else None
-    return View3d(item, tuple(frusta), wrap, tuple(left_out))
+    pieces = {kind.noun: kind.find_pieces(workspace, item) for kind in KINDS if kind.find_pieces is not None}
+    there = {noun: found for noun, found in pieces.items() if found is not None}
+    return View3d(item, tuple(frusta), there, tuple(left_out))
 
 
 def _place(capture: Capture) -> Frustum | str:
@@ -136,8 +141,8 @@ def show_view(server: "viser.ViserServer", view: View3d) -> None:
     server.initial_camera.position = (1.5 * reach, 0.9 * reach, 0.9 * reach)
     server.initial_camera.look_at = (0.0, 0.0, reach / 4)
     _add_mesh(scene, "/object", view.item.mesh)
-    if view.wrap is not None:
-        _add_pieces(scene, view.item, view.wrap)
+    for noun, pieces in view.pieces.items():
+        _add_pieces(scene, view.item, noun, pieces)
     groups = list(dict.fromkeys(item.name.rsplit("/", 1)[0] for item in view.frusta if item.capture is not None))
     # cameras in the colour of their group
     for frustum in view.frusta:
@@ -162,19 +167,16 @@ def _add_frustum(scene: "viser.SceneApi", frustum: Frustum, group: int | None) -
     )  # fmt: skip
 
 
-def _add_pieces(scene: "viser.SceneApi", item: TableObject, wrap: Wrap) -> None:
+def _add_pieces(scene: "viser.SceneApi", item: TableObject, noun: str, pieces: Pieces) -> None:
     """Add each piece as a mesh, a little above the surface, with its number."""
-    mesh, canvas = item.mesh, fill_canvas(wrap, len(item.mesh.faces))
-    corner_uv = wrap.corner_uv(len(mesh.faces))
-    look = (Material("wrap", canvas),)
-    for number, piece in enumerate(wrap.pieces, 1):
-        plain = np.zeros(len(piece.faces), np.int32)
-        part = replace(mesh, faces=mesh.faces[piece.faces], face_material=plain, materials=look)
-        part = split_vertices(part, corner_uv[piece.faces])
+    mesh, look = item.mesh, (Material(noun, pieces.canvas),)
+    for number, (faces, corners_px) in enumerate(zip(pieces.faces, pieces.corners_px, strict=True), 1):
+        part = replace(mesh, faces=mesh.faces[faces], face_material=np.zeros(len(faces), np.int32), materials=look)
+        part = split_vertices(part, (corners_px / len(pieces.canvas)).astype(np.float32))
         lifted = replace(part, vertices=part.vertices + LIFT_MM * part.normals)
-        _add_mesh(scene, f"/wrap/piece {number}", lifted)
+        _add_mesh(scene, f"/{noun}/piece {number}", lifted)
         middle = lifted.vertices[lifted.faces].mean(axis=(0, 1)) / MM_PER_M
-        scene.add_label(f"/wrap/numbers/{number}", str(number), position=middle, font_screen_scale=0.6)
+        scene.add_label(f"/{noun}/numbers/{number}", str(number), position=middle, font_screen_scale=0.6)
 
 
 def _add_mesh(scene: "viser.SceneApi", name: str, mesh: Mesh) -> None:

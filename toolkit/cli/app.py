@@ -50,10 +50,8 @@ GROUPS: dict[str, dict[str, Entry]] = {
                 "--no-fog": "--no-clouds",
             },
         ),
-        "train-wrap": Entry("trainings:train_wrap", "train the pictures on the pieces of a wrap"),
         "print": Entry("print_:print_patches", "print patches or a wrap at true size, or the board"),
         "place": Entry("rig:place", "find the best place for a patch on an object"),
-        "wrap": Entry("rig:wrap", "cut an object's surface into flat pieces"),
         "plan": Entry("rig:plan", "plan the camera poses", {"--size": "--resolution"}),
         "capture-sim": Entry("rig:capture_sim", "shoot every object at every pose"),
         "eval": Entry("evaluate:evaluate", "classify a capture folder: table, statistics, report"),
@@ -98,7 +96,11 @@ def list_groups() -> dict[str, dict[str, Entry]]:
     groups = {heading: _find_places("toolkit.cli", entries) for heading, entries in GROUPS.items()}
     for name, room in find_rooms().items():
         for heading, entries in room.commands.items():
-            groups.setdefault(heading, {}).update(_find_places(f"toolkit.rooms.{name}", entries))
+            listed = [*groups.setdefault(heading, {}).items()]
+            for command, entry in _find_places(f"toolkit.rooms.{name}", entries).items():
+                above = next((row for row, (known, _) in enumerate(listed, 1) if known == entry.after), len(listed))
+                listed.insert(above, (command, entry))
+            groups[heading] = dict(listed)
     return {heading: entries for heading, entries in groups.items() if entries}
 
 

@@ -10,13 +10,13 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, warn
 from toolkit.core.errors import FieldError
+from toolkit.core.rooms import ask_room
 from toolkit.core.workspace import open_workspace
 from toolkit.printing import OwnSettings, PrintSettings, SheetSettings, WrapSettings
 
 if TYPE_CHECKING:
     from toolkit.printing.print_boards import PrintedBoard
     from toolkit.printing.print_patches import PrintedPatch
-    from toolkit.printing.wraps import PrintedWrap
 
 AT_TRUE_SIZE = 'print at 100 % ("actual size"), measure both check bars (100 mm)'
 JOIN = "join the tiles as page 1 shows"
@@ -69,9 +69,7 @@ def print_patches(
 
         _report_sheet(print_board(place, sheet, settings, out), as_json)
     elif wrap is not None:
-        from toolkit.printing.wraps import print_wrap
-
-        _report_wrap(print_wrap(place, wrap, settings, cut, out), as_json)
+        ask_room("printed wrap")(place, wrap, settings, cut, out, as_json)
     elif cut != WrapSettings():
         given = {"cut": cut.cut} if cut.roll_mm is None else {"roll_mm": cut.roll_mm}
         raise FieldError("goes with {wrap}: add that, or leave it out", given)
@@ -130,17 +128,3 @@ def _report_sheet(printed: "PrintedBoard", as_json: bool) -> None:
         stand = "lay it flat and stand the object on its middle, the front to the edge marked FRONT"
         then = [*([JOIN] if printed.tiles != (1, 1) else []), stand]
     say(f"next: {', '.join([AT_TRUE_SIZE, *then])}")
-
-
-def _report_wrap(printed: "PrintedWrap", as_json: bool) -> None:
-    from toolkit.printing.print_patches import shorten
-
-    if as_json:
-        show_json({"printed": [asdict(printed)], "failed": [], "notes": []})
-        return
-    say(printed.describe())
-    if printed.cut_files:
-        say(f"{', '.join(map(shorten, printed.cut_files))}: the outlines alone")
-    tiled = any(sheet.tiles != (1, 1) for sheet in printed.placed)
-    join = ["join the tiles as each map shows"] if tiled else []
-    say(f"next: {', '.join([AT_TRUE_SIZE, *join, 'cut along the line and stick the pieces on as page 1 says'])}")

@@ -1,4 +1,4 @@
-"""Commands of the rig: where patch, pieces and camera go, the photographs that it takes, and the objects in them."""
+"""Commands of the rig: where patch and camera go, the photographs that it takes, and the objects in them."""
 
 import contextlib
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from toolkit.core.text import count_of, list_some
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.engine import EngineConfig
 from toolkit.objects.spec import read_spec
-from toolkit.rig import SHOT_LIST, Pattern, PlaceConfig, ShotListConfig, WrapConfig
+from toolkit.rig import SHOT_LIST, Pattern, PlaceConfig, ShotListConfig
 
 if TYPE_CHECKING:
     from toolkit.rig.plan import Pose
@@ -58,27 +58,6 @@ def place(
         say(line)
     for line in found.warnings():
         warn(line)
-
-
-@from_config(config=WrapConfig)
-def wrap(
-    *,
-    object_name: Annotated[str, typer.Option("--object", metavar="NAME", help="Object to find pieces on.")],
-    config: WrapConfig,
-    seed: options.Seed = 0,
-    workspace: options.Workspace = None,
-    as_json: options.Json = False,
-) -> None:
-    """Cut the visible surface of an object into a few flat pieces. Draw them, and write the plan."""
-    from toolkit.captures.suggest_places import PIECE_TITLES, suggest_wrap
-
-    found = suggest_wrap(open_workspace(workspace, is_needed=True), object_name, config, seed)
-    if as_json:
-        show_json(found.as_json())
-        return
-    show_table(PIECE_TITLES, found.rows())
-    for line in found.lines():
-        say(line)
 
 
 POSES = (*(name for name in Pattern.model_fields if name != "seed"), "resolution", "fov", "preview")

@@ -1,4 +1,4 @@
-"""Commands that train: patches, textures, wraps, classifiers."""
+"""Commands that train: patches, textures, classifiers."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,12 +8,9 @@ import typer
 from pydantic import Field
 
 from toolkit.boosters.patch_config import RECIPES as PATCH_RECIPES
-from toolkit.boosters.patch_config import use_printer
 from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.texture_config import RECIPES as TEXTURE_RECIPES
-from toolkit.boosters.texture_config import WRAP_RECIPES, make_wrap_config
 from toolkit.boosters.texture_config import make_config as make_texture_config
-from toolkit.boosters.transforms.printing import SHEEN
 from toolkit.cli import options
 from toolkit.cli.options import Overrides, from_config
 from toolkit.cli.output import show_result, warn
@@ -144,34 +141,6 @@ def train_texture(
     place = open_workspace(workspace)
     loaded = load_networks(*networks, place.classifiers_dir)
     trained = run(config, loaded, place, class_name=class_name, name=name, out=out, restart=restart, workers=workers)
-    show_result(trained, as_json)
-
-
-@from_config(overrides=WRAP_RECIPES)
-def train_wrap(
-    *,
-    overrides: Overrides,
-    recipe: str,
-    class_name: options.TrueClass = None,
-    networks: options.NamedNetworks,
-    print_profile: options.PrintProfile = None,
-    workers: options.RenderThreads = None,
-    restart: options.Restart = False,
-    seed: options.Seed = 0,
-    workspace: options.Workspace = None,
-    verbose: options.Verbose = False,
-    as_json: options.Json = False,
-) -> None:
-    """Train the pictures on the pieces of a wrap, and plan the pieces if there are none. Interrupted runs resume."""
-    from toolkit.boosters.detectors import load_networks
-    from toolkit.boosters.wrap_task import train_wrap as run
-
-    if print_profile is not None:
-        overrides = use_printer(overrides, print_profile, SHEEN)
-    config = make_wrap_config(recipe, {**overrides, "seed": seed})
-    place = open_workspace(workspace)
-    loaded = load_networks(*networks, place.classifiers_dir)
-    trained = run(config, loaded, place, class_name=class_name, restart=restart, workers=workers)
     show_result(trained, as_json)
 
 

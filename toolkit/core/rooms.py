@@ -26,6 +26,7 @@ SHIPPED: Mapping[str, tuple[str, ...]] = {
         "world", "world-eval", "times of day", "weather", "everyday",
         "builtin:racer", "builtin:warplane", "builtin:coffeepot", "builtin:eggnog",
     ),
+    "wraps": ("wrap", "train-wrap", "variant:wrapped", "printed wrap"),
 }  # fmt: skip
 """Offers and first words of commands of each built-in room, so that an error can name a missing room."""
 NOTHING: Mapping[str, Any] = MappingProxyType({})
@@ -37,11 +38,13 @@ class Entry(NamedTuple):
     Attributes:
         place: `module:function` below `toolkit.cli`, or below the room.
         old: earlier spelling of an option -> present spelling; it still works, and no help shows it.
+        after: command that it follows in the list; by default it is the last under its heading.
     """
 
     place: str
     about: str
     old: Mapping[str, str] = NOTHING
+    after: str = ""
 
 
 class Room(NamedTuple):
@@ -99,6 +102,11 @@ def find_offer(what: str) -> Any:
     """Return the offer of an installed room by its name; None if there is none."""
     place = list_offers().get(what)
     return None if place is None else load(place)
+
+
+def find_offers(prefix: str) -> list[Any]:
+    """Return the offers of installed rooms whose names begin with a prefix."""
+    return [load(place) for what, place in list_offers().items() if what.startswith(prefix)]
 
 
 def find_code(prefix: str) -> list[Path]:

@@ -12,6 +12,7 @@ from toolkit.core.places import MARKER, is_workspace
 from toolkit.core.text import is_file_name, is_folder_name
 
 PACKAGE_DATA = Path(__file__).parents[1] / "data"
+WRAP_RECORD = "wrap.json"
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ class Workspace:
     def wraps(self) -> dict[str, Path]:
         """Return the folder of every wrap by name; a folder of the workspace replaces the package's."""
         places = (PACKAGE_DATA / "wraps", self.wraps_dir)
-        found = [file.parent for place in places for file in sorted(place.glob("*/wrap.json"))]
+        found = [file.parent for place in places for file in sorted(place.glob(f"*/{WRAP_RECORD}"))]
         return {folder.name: folder for folder in found if is_file_name(folder.name)}
 
     def with_patches(self, patch_set: str | None) -> "Workspace":

@@ -1,18 +1,14 @@
 """Findings of an evaluation, the networks that boosters were trained on, and `summary.json`."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from toolkit import __version__
 from toolkit.captures.capture import Capture
 from toolkit.captures.read import POOLED
 from toolkit.core.child import without_collector
-from toolkit.core.errors import ToolkitError
-from toolkit.core.files import read_json
 from toolkit.core.text import join_words
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.agreement import RendererAgreement, compare_renderers, write_agreement
@@ -39,8 +35,8 @@ from toolkit.evaluation.verdict import Verdict, write_headlines
 from toolkit.models.identity import is_same_network
 from toolkit.models.labels import plain_name
 from toolkit.models.network import Classifier
-from toolkit.objects.records import BoosterRecord, NetworkRecord, PatchRecord, TextureRecord
-from toolkit.objects.wrap import RECORD_FILE, WrapRecord, hash_wrap
+from toolkit.objects.records import NetworkRecord
+from toolkit.rig.applied.kinds import KINDS
 
 MOST_NAMED = 3
 
@@ -85,12 +81,12 @@ def find_training(
     )
     if not worn:
         return ()
-    # records of patches, textures and wraps by hash
-    records = {sha256: (booster, label, networks) for sha256, booster, label, networks in _read_records(workspace)}
+    stored = [training for kind in KINDS if kind.list_trainings for training in kind.list_trainings(workspace)]
+    records = {training.sha256: training for training in stored}
     found = []
     for source, name, variant, sha256 in worn:
         if sha256 is not None and sha256 in records:
-            booster, label, networks = records[sha256]
+            _, booster, label, networks = records[sha256]
             own = workspace.classifiers_dir
             seen = any(is_same_network(network, weights_sha256, tensors_sha256, own) for network in networks)
             found.append(Training(source, name, variant, booster, sha256, tuple(networks), seen, label))
@@ -112,22 +108,6 @@ def describe_other_classes(training: Sequence[Training], true_labels: Mapping[st
                 f"is judged as '{label}'"
             )
     return lines
-
-
-def _read_records(workspace: Workspace) -> Iterator[tuple[str, str, str, Sequence[NetworkRecord]]]:
-    """Yield hash, name, class and networks of each booster; broken records are reported when they are used."""
-    pngs: list[tuple[Path, type[BoosterRecord]]] = [(png, TextureRecord) for png in workspace.textures().values()]
-    for patch_set in (None, *workspace.patch_sets()):
-        pngs += [(png, PatchRecord) for png in workspace.with_patches(patch_set).patches().values()]
-    for png, kind in pngs:
-        with suppress(ToolkitError):
-            record = read_json(png.with_suffix(".json"), kind)
-            yield record.png_sha256, record.name, record.class_name, record.networks
-    for folder in workspace.wraps().values():
-        with suppress(ToolkitError):
-            wrap = read_json(folder / RECORD_FILE, WrapRecord)
-            if wrap.booster is not None:
-                yield hash_wrap(wrap), wrap.name, wrap.class_name or "", wrap.booster.networks
 
 
 def mark_seen(training: Sequence[Training], source: str, name: str, variant: str) -> str:

@@ -35,11 +35,6 @@ Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Side = Literal["top", "front", "back", "left", "right"]
 Margin = Literal["white", "bleed"]
 """What is on the paper around a patch: nothing, or the patch mirrored at its edges, for clear tape."""
-Material = Literal["paper", "film", "vinyl"]
-STRETCH: dict[Material, float] = {"paper": 0.01, "film": 0.03, "vinyl": 0.08}
-"""Largest stretch of a piece before it tears or wrinkles."""
-MOST_PIECES = 99
-"""Largest number of pieces of a wrap."""
 Shift = Annotated[float, Field(ge=-100_000, le=100_000)]
 BUILTIN_PREFIX = "builtin:"
 MOST_SPEC_BYTES = 1 << 20

@@ -26,12 +26,11 @@ def write_card(
         record: the content of the booster's JSON file.
         files: that lie beside the card, for the picture and the list.
     """
-    # a wrap's training is a part of its record
+    # the training of some kinds is a part of their record
     trained = record if "networks" in record else record.get("booster") or {}
     label = record.get("class_name") or str(item.spec.class_name)
     picture = next((file.name for file in files if file.suffix == ".png"), None)
-    folder = {"patch": "print/patches", "texture": "rig/textures"}.get(kind.noun, f"print/wraps/{item.name}")
-    printed = {"patch": f"--object {item.name}", "wrap": f"--wrap {item.name}"}.get(kind.noun)
+    folder, printed = (text.format(object=item.name) for text in (kind.folder, kind.print_options))
     lines = [
         "---", "tags:", "- unadversarial-example", "- image-classification", f"- {json.dumps(kind.noun)}", "---", "",
         f"# {item.name}: a {kind.noun}", "",
@@ -39,7 +38,7 @@ def write_card(
         f"toolkit {trained['toolkit_version']}." if trained else
         f"A {kind.noun} for the object {item.name}, with a picture that was not trained.", "",
         *([f"![the {kind.noun}]({picture})", ""] if picture else []),
-        *_list_facts(item, kind, booster, record, trained), "",
+        *_list_facts(item, booster, record, trained), "",
         *_list_networks(trained), *_list_shares(trained),
         "## Use it", "", "```sh", *([f"toolkit print {printed}"] if printed else []),
         f"toolkit capture-sim --object {item.name} --variant unpatched --variant {kind.variant}",
@@ -51,15 +50,12 @@ def write_card(
     return "\n".join(lines)
 
 
-def _list_facts(
-    item: TableObject, kind: BoosterKind, booster: AppliedBooster, record: Record, trained: Record
-) -> list[str]:
+def _list_facts(item: TableObject, booster: AppliedBooster, record: Record, trained: Record) -> list[str]:
     long_mm = float(item.mesh.size_mm.max())
     rows = {"object": f"{item.name}, {long_mm:.0f} mm long", "mesh, SHA-256": item.shape_sha256}
     if booster.sizes_mm:
         rows["printed side"] = ", ".join(f"{side:g} mm" for side in booster.sizes_mm)
-    if kind.noun == "wrap":
-        rows["pieces"] = f"{len(record['pieces'])} of {record['material']}, {record['covered']:.0%} of what is seen"
+    rows |= booster.list_facts()
     texel = "" if booster.texel_mm is None else f", {booster.texel_mm:.3g} mm each"
     rows["texels"] = f"{len(booster.pixels)} × {len(booster.pixels)}{texel}"
     rows["SHA-256"] = booster.sha256

@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args
 
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.files import read_bytes, write_bytes, write_text
+from toolkit.core.rooms import explain_missing
 from toolkit.core.workspace import Workspace
 from toolkit.objects.export_mesh import Soundness, examine_solid, to_3mf, to_glb, to_obj
 from toolkit.objects.load import TableObject, load_object
@@ -26,6 +27,8 @@ CONTROLS = tuple(control for controls in CONTROLS_OF.values() for control in con
 NOUNS = {kind.variant: kind.noun for kind in KINDS}
 """Variant of each kind -> what people call it."""
 VARIANTS = ("unpatched", *NOUNS, *CONTROLS)
+IN_PIECES = tuple(kind.variant for kind in KINDS if kind.find_pieces is not None)
+"""Variants of boosters that are stuck on in flat pieces."""
 ON_PAPER = tuple(variant for variant, kind in KIND_OF.items() if kind.is_on_paper)
 
 
@@ -46,7 +49,7 @@ def find_booster(
     if (tag := parse_tag(variant)) is not None:
         return find_tag_booster(item, variant, tag)
     if variant not in VARIANTS:
-        raise one_of("variant", variant, list(VARIANTS))
+        raise explain_missing(f"variant:{variant}") or one_of("variant", variant, list(VARIANTS))
     return None if variant == "unpatched" else KIND_OF[variant].find(workspace, item, variant, perfect, seed)
 
 

@@ -12,12 +12,10 @@ from slow_cases import mark_slow
 
 from toolkit.core.console import quietly
 from toolkit.objects.load import load_object
-from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
-from toolkit.rig import Pattern, WrapConfig
+from toolkit.rig import Pattern
 from toolkit.rig.camera import orbit_pose
 from toolkit.rig.plan import make_plan
 from toolkit.rig.variants import apply_booster, find_booster
-from toolkit.rig.wrap_plan import plan_wrap
 from toolkit.rooms.photos.gates.check_captures import hash_setup
 from toolkit.rooms.photos.gates.check_photo import ExpectationBuilder, inspect_photo
 from toolkit.rooms.photos.importing.align import WRONG, Clues
@@ -26,6 +24,9 @@ from toolkit.rooms.photos.importing.gather import Candidate, CaptureKey
 from toolkit.rooms.photos.importing.match import RenderMatcher
 from toolkit.rooms.photos.photo import read_photo
 from toolkit.rooms.photos.posed_camera import PosedCamera
+from toolkit.rooms.wraps.config import WrapConfig
+from toolkit.rooms.wraps.wrap import Wrap, WrapTraining, read_wrap, write_wrap
+from toolkit.rooms.wraps.wrap_plan import plan_wrap
 
 ABOVE, FAR = (30, 40, 470.0), (30, 40, 1500.0)
 TRAINING = WrapTraining(

@@ -1,17 +1,20 @@
 """The protocol of boosters on an object: what each kind does to it, and what is written of it."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import read_json
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
-from toolkit.objects.wrap import Wrap
+from toolkit.objects.records import BoosterRecord, NetworkRecord
 from toolkit.rig.mount import MountedSheet, PaperMargin
 
 GREY = 128
@@ -25,6 +28,8 @@ class AppliedBooster(ABC):
     To add a kind, derive a class, write a `find` function, and register both:
 
         register(BoosterKind("banded", "band", find_band))
+
+    A room offers its kind as `variant:banded` in place of the call.
     """
 
     pixels: np.ndarray  # (n, n, 3) uint8 sRGB
@@ -33,7 +38,6 @@ class AppliedBooster(ABC):
     # side of each sheet of paper, in the order of the object's mounts; empty if it is on no sheets
     sizes_mm: tuple[float, ...] = ()
     alone: bool = False  # lies flat on the table, and the object is not there
-    wrap: Wrap | None = None  # whose pieces are stuck on; None if there are no pieces
     margin: PaperMargin = "white"  # what is on the paper around the patch on each sheet
 
     @abstractmethod
@@ -80,6 +84,68 @@ class AppliedBooster(ABC):
         """Return the booster on so large a share of what cameras see; itself if its kind has no parts to leave off."""
         return self
 
+    def draw_guide(self, item: TableObject) -> Callable[[Any, Any], None] | None:
+        """Return what draws on a `Pdf`, in a `Rect`, where its pieces go; None if it has no pieces."""
+        return None
+
+    def list_facts(self) -> dict[str, str]:
+        """Return what its card tells of it beside sizes and hashes."""
+        return {}
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Flat pieces on an object's surface, numbered from 1, and the canvas of their pictures.
+
+    Attributes:
+        name: of the booster.
+        is_finished: whether a picture was made for them; else they are a plan in the object's own paint.
+        canvas: (n, n, 3) uint8 sRGB, row 0 is v = 1.
+        texel_mm: side of a texel.
+        faces: of each piece, (k,) int32 rows of the object's mesh.
+        corners_px: of each piece, (k, 3, 2) float64 places of its faces' corners on the canvas, right and up.
+    """
+
+    name: str
+    is_finished: bool
+    canvas: np.ndarray
+    texel_mm: float
+    faces: tuple[np.ndarray, ...]
+    corners_px: tuple[np.ndarray, ...]
+
+
+class StoredTraining(NamedTuple):
+    """The training of a booster that has files: its hash as in manifests, its name and class, and the networks."""
+
+    sha256: str
+    name: str
+    class_name: str
+    networks: Sequence[NetworkRecord]
+
+
+@dataclass(frozen=True)
+class StoredBooster:
+    """A booster that was read from its files, whatever object it is for.
+
+    Attributes:
+        pixels: (n, n, 3) uint8 sRGB.
+        sha256: as in manifests.
+        class_name, class_index: class of its training.
+        networks: that trained it.
+        files: its record, and all that belongs to it.
+        check: raises a `ToolkitError` if it is for another mesh.
+        size_mm: printed side of a patch; None for other kinds.
+    """
+
+    pixels: np.ndarray
+    sha256: str
+    class_name: str | None
+    class_index: int
+    networks: Sequence[NetworkRecord]
+    files: Sequence[Path]
+    check: Callable[[TableObject], object]
+    size_mm: float | None = None
+
 
 Find = Callable[[Workspace, TableObject, str, bool, int], AppliedBooster]
 """(workspace, object, variant, perfect, seed) -> what is put on; with `perfect` exactly in its place."""
@@ -97,6 +163,14 @@ class BoosterKind:
     is_painted: bool = False  # it and its controls are the object's own surface, so that nobody can stick them on
     # lists the files of an object's booster, its record first; None if it has none
     files: Callable[[Workspace, TableObject], list[Path]] | None = None
+    # reads a booster from its PNG or folder, checked against its record; None if it has no files
+    read: Callable[[Path], StoredBooster] | None = None
+    # yields the training of each booster of a workspace; broken records are reported when they are used
+    list_trainings: Callable[[Workspace], Iterator[StoredTraining]] | None = None
+    # finds the pieces that an object's booster consists of, if it has any yet; None if the kind has no pieces
+    find_pieces: Callable[[Workspace, TableObject], Pieces | None] | None = None
+    folder: str = ""  # of its files in a workspace; {object} is the object's name
+    print_options: str = ""  # of `toolkit print`; empty if it is not printed
 
 
 def draw_control(variant: str, item: TableObject, n: int) -> np.ndarray:
@@ -104,3 +178,11 @@ def draw_control(variant: str, item: TableObject, n: int) -> np.ndarray:
     if variant.startswith("grey-"):
         return np.full((n, n, 3), GREY, np.uint8)
     return np.random.default_rng(list(item.name.encode())).integers(0, 256, (n, n, 3), dtype=np.uint8)
+
+
+def read_trainings(pngs: Iterable[Path], model: type[BoosterRecord]) -> Iterator[StoredTraining]:
+    """Yield the training of each picture whose record can be read."""
+    for png in pngs:
+        with suppress(ToolkitError):
+            record = read_json(png.with_suffix(".json"), model)
+            yield StoredTraining(record.png_sha256, record.name, record.class_name, record.networks)

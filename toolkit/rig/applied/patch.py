@@ -1,6 +1,6 @@
 """A printed patch on an object: a sheet of paper, or several."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,15 @@ from toolkit.objects.atlas import look_up_paint, nearest_covered
 from toolkit.objects.find_patch import find_patch, find_patch_file, next_patch
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh, find_hits, make_ray_scene
-from toolkit.objects.records import TAPE_MARGIN_MM, encode_png
-from toolkit.rig.applied.base import AppliedBooster, BoosterKind, draw_control
+from toolkit.objects.records import TAPE_MARGIN_MM, PatchRecord, encode_png, read_patch
+from toolkit.rig.applied.base import (
+    AppliedBooster,
+    BoosterKind,
+    StoredBooster,
+    StoredTraining,
+    draw_control,
+    read_trainings,
+)
 from toolkit.rig.mount import MountedSheet, attach, make_flat_sheet, mount_sheets, wear_sheets
 
 RAYS = 4
@@ -144,7 +151,24 @@ def list_patch_files(workspace: Workspace, item: TableObject) -> list[Path]:
     return [] if png is None else [png.with_suffix(".json"), png]
 
 
+def read_stored_patch(png: Path) -> StoredBooster:
+    """Read a patch, which fits any object; raises as `read_patch`."""
+    made = read_patch(png)
+    record, files = made.record, (png.with_suffix(".json"), png)
+    return StoredBooster(
+        made.pixels, record.png_sha256, record.class_name, record.class_index, record.networks, files,
+        check=lambda item: None, size_mm=made.size_mm,
+    )  # fmt: skip
+
+
+def list_patch_trainings(workspace: Workspace) -> Iterator[StoredTraining]:
+    """Yield the training of every patch, those of patch sets too."""
+    for patch_set in (None, *workspace.patch_sets()):
+        yield from read_trainings(workspace.with_patches(patch_set).patches().values(), PatchRecord)
+
+
 PATCH = BoosterKind(
     "patched", "patch", find_patch_booster, ("wrong-patch", "random-patch", "grey-patch", "camouflage", "patch-alone"),
-    is_on_paper=True, files=list_patch_files,
+    is_on_paper=True, files=list_patch_files, read=read_stored_patch, list_trainings=list_patch_trainings,
+    folder="print/patches", print_options="--object {object}",
 )  # fmt: skip

@@ -1,5 +1,6 @@
 """A texture all over an object, in place of its paint."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,14 @@ from toolkit.objects.records import (
     read_usable,
     uv_name,
 )
-from toolkit.rig.applied.base import AppliedBooster, BoosterKind, draw_control
+from toolkit.rig.applied.base import (
+    AppliedBooster,
+    BoosterKind,
+    StoredBooster,
+    StoredTraining,
+    draw_control,
+    read_trainings,
+)
 
 
 @dataclass(frozen=True)
@@ -62,14 +70,36 @@ def find_texture_booster(
 def list_texture_files(workspace: Workspace, item: TableObject) -> list[Path]:
     """Return record and picture of an object's texture, and what it takes to dress its objects again."""
     record = find_texture(workspace, item).record
-    png = workspace.textures()[record.name]
-    others = [named(record.name, item.name) for item in record.objects for named in (uv_name, keep_name)]
-    return [png.with_suffix(".json"), png, *filter(Path.is_file, (png.with_name(name) for name in others))]
+    return [*_list_files(workspace.textures()[record.name], record)]
+
+
+def _list_files(png: Path, record: TextureRecord) -> Iterator[Path]:
+    yield from (png.with_suffix(".json"), png)
+    for item in record.objects:
+        if item.uv_sha256 is not None:
+            yield png.with_name(uv_name(png.stem, item.name))
+        if item.keep_image_sha256 is not None:
+            yield png.with_name(keep_name(png.stem, item.name))
+
+
+def read_stored_texture(png: Path) -> StoredBooster:
+    """Read a texture; raises as `read_texture`."""
+    made = read_texture(png)
+    record = made.record
+    return StoredBooster(
+        made.pixels, record.png_sha256, record.class_name, record.class_index, record.networks,
+        (*_list_files(png, record),), check=lambda item: check_fit(item, made),
+    )  # fmt: skip
+
+
+def list_texture_trainings(workspace: Workspace) -> Iterator[StoredTraining]:
+    """Yield the training of every texture."""
+    return read_trainings(workspace.textures().values(), TextureRecord)
 
 
 TEXTURE = BoosterKind(
     "textured", "texture", find_texture_booster, ("random-texture", "grey-texture"), is_painted=True,
-    files=list_texture_files,
+    files=list_texture_files, read=read_stored_texture, list_trainings=list_texture_trainings, folder="rig/textures",
 )  # fmt: skip
 
 

@@ -9,11 +9,11 @@ from red_crate import RED, make_base
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object
-from toolkit.objects.wrap import Wrap, WrapTraining, write_wrap
-from toolkit.rig.wrap_plan import plan_wrap
 from toolkit.rooms.benchmarks.sweeps import SweepConfig
 from toolkit.rooms.benchmarks.sweeps.axes import find_axis, parse_values
 from toolkit.rooms.benchmarks.sweeps.sweep import run_sweep
+from toolkit.rooms.wraps.wrap import Wrap, WrapTraining, write_wrap
+from toolkit.rooms.wraps.wrap_plan import plan_wrap
 
 TRAINING = WrapTraining(
     class_index=1, networks=[], data={}, seed=0, settings={}, final={}, misfit={}, toolkit_version="0"

@@ -9,23 +9,22 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_bytes, read_json, real_path, write_bytes, write_json
+from toolkit.core.rooms import explain_missing
 from toolkit.core.text import FileName, is_file_name
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.objects.add import find_named_files
 from toolkit.objects.load import load_object
-from toolkit.objects.painted import check_fit
-from toolkit.objects.records import SHA256, NetworkRecord, Patch, Texture, keep_name, read_patch, read_texture, uv_name
+from toolkit.objects.records import SHA256, NetworkRecord
 from toolkit.objects.spec import BUILTIN_PREFIX, read_spec
-from toolkit.objects.wrap import MAP_FILE, RECORD_FILE, Wrap, check_wrap, hash_wrap, piece_name, read_wrap
 from toolkit.rig import Pattern
+from toolkit.rig.applied.base import StoredBooster
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, make_plan, write_plan
-from toolkit.rig.variants import find_booster
+from toolkit.rig.variants import KIND_OF, find_booster
 from toolkit.rooms.benchmarks.challenge import (
     CLOSED_OBJECTS,
     DRAWN_SEED,
@@ -115,54 +114,27 @@ class ChallengeEntry:
         """Return the path of an object's booster: the picture of a patch or texture, or the folder of a wrap."""
         return f"{BOOSTERS}/{name}" if self.record.budget == "wrap" else f"{BOOSTERS}/{name}.png"
 
-    def read_booster(self, name: str) -> "EnteredBooster":
+    def read_booster(self, name: str) -> StoredBooster:
         """The booster of an object, see `read_booster`."""
         return read_booster(inside(self.folder, self.file_name(name)), self.record.budget)
 
-
-@dataclass(frozen=True)
-class EnteredBooster:
-    """A booster of any kind.
-
-    Attributes:
-        sha256: of its picture, or of the hashes of all pictures of a wrap.
-        label, index: of the class that it was trained for.
-        networks: that trained it.
-        files: its files, each with its name without the object's.
-    """
-
-    made: Patch | Wrap | Texture
-    sha256: str
-    label: str | None
-    index: int | None
-    networks: Sequence[NetworkRecord]
-    files: tuple[tuple[str, Path], ...]
-
-    @property
-    def pixels(self) -> np.ndarray:
-        """(n, n, 3) uint8 sRGB."""
-        assert self.made.pixels is not None  # `read_wrap` reads them
-        return self.made.pixels
+    def list_files(self, name: str) -> list[tuple[str, Path]]:
+        """The files of an object's booster, see `list_files`."""
+        return list_files(self.read_booster(name), self.record.budget)
 
 
-def read_booster(path: Path, budget: Budget) -> EnteredBooster:
-    """A booster, checked against its own record.
+def read_booster(path: Path, budget: Budget) -> StoredBooster:
+    """A booster, checked against its own record; raises a `ToolkitError` if that fails, or nothing is trained on it."""
+    kind = KIND_OF.get(VARIANT[budget])
+    if kind is None or kind.read is None:
+        raise explain_missing(f"variant:{VARIANT[budget]}") or LookupError(f"no kind of booster reads a {budget}")
+    return kind.read(path)
 
-    Raises:
-        ToolkitError: as `read_patch`, `read_wrap` and `read_texture`, or a wrap with nothing trained on it.
-    """
-    if budget == "wrap":
-        wrap = read_wrap(path)
-        training = wrap.record.booster
-        if training is None:
-            raise ToolkitError(f"{path}: is a plan with nothing trained on it: expected a trained wrap")
-        names = (RECORD_FILE, MAP_FILE, *(piece_name(piece.number) for piece in wrap.record.pieces))
-        files = tuple((f"/{name}", path / name) for name in names)
-        label, index = wrap.record.class_name, training.class_index
-        return EnteredBooster(wrap, hash_wrap(wrap.record), label, index, training.networks, files)
-    made = read_patch(path) if budget == "patch" else read_texture(path)
-    record, files = made.record, tuple(_list_files(path, made))
-    return EnteredBooster(made, record.png_sha256, record.class_name, record.class_index, record.networks, files)
+
+def list_files(booster: StoredBooster, budget: Budget) -> list[tuple[str, Path]]:
+    """Each file of a booster, after its name without the object's."""
+    stem = booster.files[0].stem
+    return [(f"/{file.name}" if budget == "wrap" else file.name.removeprefix(stem), file) for file in booster.files]
 
 
 def read_entry(folder: Path) -> ChallengeEntry:
@@ -202,7 +174,7 @@ def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Chall
         own = read_booster(places[config.budget]()[worn.name], config.budget)
         trained |= {network.sha256: network for network in own.networks}
         hashes[name] = own.sha256
-        for suffix, file in own.files:
+        for suffix, file in list_files(own, config.budget):
             write_bytes(folder / BOOSTERS / f"{name}{suffix}", file.read_bytes(), folder)
         if not is_closed:
             _copy_object(workspace.object_spec(name).parent, name, folder / OBJECTS)
@@ -214,16 +186,6 @@ def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Chall
     )  # fmt: skip
     write_json(folder / ENTRY, record.model_dump(mode="json"))
     return read_entry(folder)
-
-
-def _list_files(png: Path, made: Patch | Texture) -> Iterator[tuple[str, Path]]:
-    """(end of the name, file) of a booster: picture, record, and a texture's coordinates and masks."""
-    names = [".png", ".json"]
-    for item in made.record.objects if isinstance(made, Texture) else ():
-        names += [uv_name("", item.name)] * (item.uv_sha256 is not None)
-        names += [keep_name("", item.name)] * (item.keep_image_sha256 is not None)
-    for name in names:
-        yield name, png.with_name(png.stem + name)
 
 
 def _list_object_files(folder: Path, name: str) -> list[str]:
@@ -310,7 +272,7 @@ def _list_known(entry: ChallengeEntry) -> Iterator[str]:
     for name in entry.objects:
         own, objects = [entry.file_name(name), f"{BOOSTERS}/{name}.json"], [f"{OBJECTS}/{name}.toml"]
         with suppress(ToolkitError):  # another fault
-            own = [f"{BOOSTERS}/{name}{suffix}" for suffix, _ in entry.read_booster(name).files]
+            own = [f"{BOOSTERS}/{name}{suffix}" for suffix, _ in entry.list_files(name)]
         yield from own
         if entry.record.division == "open":
             with suppress(ToolkitError):
@@ -352,8 +314,8 @@ def _list_booster_faults(entry: ChallengeEntry, name: str, space: Workspace) -> 
         yield f"{where}: is not what {ENTRY} names: {booster.sha256[:12]} is its hash"
     # trained for the object's own class
     wanted = item.spec.class_name
-    if wanted not in (booster.label, booster.index):
-        yield f"{where}: was trained for '{booster.label}': expected '{wanted}'"
+    if wanted not in (booster.class_name, booster.class_index):
+        yield f"{where}: was trained for '{booster.class_name}': expected '{wanted}'"
     # the entry names every network of the training, so that none counts as unseen
     said = {network.sha256 for network in entry.record.networks}
     for network in booster.networks:
@@ -361,14 +323,11 @@ def _list_booster_faults(entry: ChallengeEntry, name: str, space: Workspace) -> 
             which = f"{network.arch} ({network.sha256[:12]})"
             yield f"{where}: its record names {which}, {ENTRY} does not: add it to networks"
     # the size of a patch is bounded; a wrap or a texture must be of this mesh
-    if isinstance(booster.made, Patch):
-        side, most = sum(item.spec.sizes_mm(booster.made.size_mm)), LARGEST_PATCH * float(item.mesh.size_mm.max())
+    booster.check(item)
+    if booster.size_mm is not None:
+        side, most = sum(item.spec.sizes_mm(booster.size_mm)), LARGEST_PATCH * float(item.mesh.size_mm.max())
         if side > most + 0.05:
             yield f"{where}: {side:.1f} mm on {name}: expected at most {most:.1f}, a third of its length"
-    elif isinstance(booster.made, Wrap):
-        check_wrap(booster.made, item)
-    else:
-        check_fit(item, booster.made)
 
 
 def open_space(entry: ChallengeEntry, folder: Path) -> Workspace:
@@ -385,7 +344,7 @@ def open_space(entry: ChallengeEntry, folder: Path) -> Workspace:
     for name in entry.objects:
         if entry.record.division == "open":
             _copy_object(inside(entry.folder, OBJECTS), name, space.objects_dir)
-        for suffix, file in entry.read_booster(name).files:
+        for suffix, file in entry.list_files(name):
             source = inside(entry.folder, file.relative_to(entry.folder).as_posix())
             write_bytes(target / f"{name}{suffix}", read_bytes(source, MOST_FILE_BYTES))
     write_plan(space.plan_file, plan_poses(space, entry.objects))

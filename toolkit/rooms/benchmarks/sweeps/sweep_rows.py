@@ -18,8 +18,7 @@ from toolkit.evaluation.summaries import SCHEMA_VERSION, list_reasons
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.imaging.style import CORRECT, colour_of, name_network, name_variant, style_panel
 from toolkit.rig.applied.tag import parse_tag
-from toolkit.rig.applied.wrap import WRAP
-from toolkit.rig.variants import ON_PAPER
+from toolkit.rig.variants import IN_PIECES, ON_PAPER
 from toolkit.rooms.benchmarks.sweeps.axes import Axis, SweepPoint, Value
 
 if TYPE_CHECKING:
@@ -118,7 +117,7 @@ class Sweep:
     def _is_sized(self, variant: str) -> bool:
         """Whether a variant has a size, or a share that it covers."""
         if self.axis.name == "coverage":
-            return variant == WRAP.variant
+            return variant in IN_PIECES
         return variant in ON_PAPER or parse_tag(variant) is not None
 
     @cached_property

@@ -19,11 +19,10 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import delete_file, sha256_file, write_text
 from toolkit.core.records import RecordLog, hold_folder
 from toolkit.core.work import Work
-from toolkit.core.workspace import Workspace
+from toolkit.core.workspace import WRAP_RECORD, Workspace
 from toolkit.evaluation.summaries import list_reasons
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
-from toolkit.objects.wrap import RECORD_FILE
 from toolkit.rig import PAIR
 from toolkit.rig.board_file import board_file
 from toolkit.rig.plan import read_plan
@@ -42,7 +41,7 @@ def hash_setup(workspace: Workspace) -> str:
     """Key of the inputs of a photograph's results but the image: the rig, patches, objects."""
     # files of the rig and of the boosters, by content
     rig = (board_file(workspace), workspace.root / "rig" / "lens.json", workspace.plan_file)
-    wraps = {f"wrap {name}": folder / RECORD_FILE for name, folder in workspace.wraps().items()}
+    wraps = {f"wrap {name}": folder / WRAP_RECORD for name, folder in workspace.wraps().items()}
     boosters = sorted({**workspace.patches(), **wraps}.items())
     # meshes may be large: their size and time tell a change
     meshes = [(file.name, file.stat()) for file in sorted(workspace.objects_dir.glob("*"))]

@@ -16,11 +16,10 @@ from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import read_patch
 from toolkit.rig.applied.base import AppliedBooster
 from toolkit.rig.applied.patch import PATCH, find_patch_booster
-from toolkit.rig.applied.wrap import WRAP, find_wrap_booster
 from toolkit.rig.board import Board
 from toolkit.rig.board_file import read_board
 from toolkit.rig.mount import MountedSheet, attach
-from toolkit.rig.variants import VARIANTS, find_booster
+from toolkit.rig.variants import IN_PIECES, KIND_OF, VARIANTS, find_booster
 from toolkit.rooms.photos.board_pose import BoardSighting, find_board
 from toolkit.rooms.photos.gates import GateResult
 from toolkit.rooms.photos.gates.check_set import PatchLines, trace_patch
@@ -335,7 +334,7 @@ class ExpectationBuilder:
         except ToolkitError as error:
             return Solid(item.mesh), None, str(error), None
         # paint and thin pieces change no shape; only the object's own patch may have been left on
-        wrap = self._wrap_of(item, is_on=booster is not None and booster.wrap is not None)
+        wrap = self._wrap_of(item, is_on=variant in IN_PIECES)
         return Solid(item.mesh), self._without_patch(item), "", wrap
 
     def _dress(self, item: TableObject, variant: str, booster: AppliedBooster) -> Built:
@@ -351,11 +350,12 @@ class ExpectationBuilder:
 
     def _wrap_of(self, item: TableObject, *, is_on: bool = False) -> ExpectedWrap | None:
         """The object's wrap; None if it has none, or nothing is trained on it, so that nobody printed it."""
-        try:
-            booster = find_wrap_booster(self._workspace, item, WRAP.variant)
-        except ToolkitError:
-            return None
-        return ExpectedWrap(booster.name, is_on, cut_squares(item.mesh, booster.wrap, booster.pixels))
+        for find in filter(None, (KIND_OF[variant].find_pieces for variant in IN_PIECES)):
+            with suppress(ToolkitError):
+                pieces = find(self._workspace, item)
+                if pieces is not None and pieces.is_finished:
+                    return ExpectedWrap(pieces.name, is_on, cut_squares(item.mesh, pieces))
+        return None
 
     def _without_patch(self, item: TableObject) -> ExpectedPatch:
         try:

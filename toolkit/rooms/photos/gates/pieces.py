@@ -12,7 +12,7 @@ import numpy as np
 from toolkit.core.text import join_words
 from toolkit.objects.atlas import cover_texels
 from toolkit.objects.mesh import Mesh, cross_products
-from toolkit.objects.wrap import FlatPiece, Wrap
+from toolkit.rig.applied.base import Pieces
 from toolkit.rooms.photos.gates import GateResult
 from toolkit.rooms.photos.gates.objects import Solid
 from toolkit.rooms.photos.gates.patch import CELLS, VARIANT, PlacedSheet, expect_cells, is_clear
@@ -113,42 +113,43 @@ def check_pieces(seen: PiecesSeen, wrap: ExpectedWrap, variant: str) -> GateResu
     return VARIANT.judge(len(seen.missing), f"{which}: stick it on, or uncover it")
 
 
-def cut_squares(mesh: Mesh, wrap: Wrap, canvas: np.ndarray) -> tuple[Square, ...]:
-    """Cut the largest squares out of each piece, side by side, upright on the canvas (n, n, 3) uint8 sRGB, v up."""
-    record = wrap.record
-    largest_px = LARGEST_SHARE * float(mesh.size_mm.max()) / record.texel_mm
+def cut_squares(mesh: Mesh, pieces: Pieces) -> tuple[Square, ...]:
+    """Cut the largest squares out of each piece, side by side, upright on the canvas."""
+    n_px, texel_mm = len(pieces.canvas), pieces.texel_mm
+    largest_px = LARGEST_SHARE * float(mesh.size_mm.max()) / texel_mm
     squares = []
-    for piece, at in zip(wrap.pieces, record.pieces, strict=True):
+    for number, (faces, corners_px) in enumerate(zip(pieces.faces, pieces.corners_px, strict=True), 1):
         # texels of the piece; the largest free square is cut out again and again
-        uv = (np.array(at.origin_px) + piece.flat_mm / record.texel_mm) / record.n_px
-        free = np.pad(cover_texels(uv.astype(np.float32), record.n_px).astype(np.uint8), 1)
+        free = np.pad(cover_texels((corners_px / n_px).astype(np.float32), n_px).astype(np.uint8), 1)
         for _ in range(MOST_SQUARES):
             # a texel's chessboard distance from the nearest texel in use: half of the side of the square round it
             reach = np.minimum(cv2.distanceTransform(free, cv2.DIST_C, 3), (largest_px + 1) // 2)
             row, column = np.unravel_index(int(reach.argmax()), reach.shape)
             half = int(reach[row, column]) - 1
             side = 2 * half + 1
-            if side * record.texel_mm < SMALLEST_MM:
+            if side * texel_mm < SMALLEST_MM:
                 break
             free[row - half : row + half + 1, column - half : column + half + 1] = 0
             top, left = int(row) - half - 1, int(column) - half - 1  # less one for the padding
-            # cells and corners of the square on the flat piece, then on the object
-            corner_mm = (np.array([left, record.n_px - top]) - at.origin_px) * record.texel_mm
-            places = corner_mm + np.concatenate([cell_centres(CELLS), UNIT_CORNERS]) * [1, -1] * side * record.texel_mm
-            points, outward = _find_on_surface(mesh, piece, places)
-            cells, pixels = len(points) - len(UNIT_CORNERS), canvas[top : top + side, left : left + side]
+            # cells and corners of the square on the canvas, then on the object
+            places = np.array([left, n_px - top]) + np.concatenate([cell_centres(CELLS), UNIT_CORNERS]) * [side, -side]
+            corners = mesh.vertices[mesh.faces[faces]]
+            points, outward = _find_on_surface(corners, corners_px * texel_mm, places * texel_mm)
+            cells, pixels = len(points) - len(UNIT_CORNERS), pieces.canvas[top : top + side, left : left + side]
             squares.append(Square(
-                f"piece {at.number}", points[:cells], outward[:cells], points[cells:], np.ascontiguousarray(pixels)
+                f"piece {number}", points[:cells], outward[:cells], points[cells:], np.ascontiguousarray(pixels)
             ))  # fmt: skip
     return tuple(squares)
 
 
-def _find_on_surface(mesh: Mesh, piece: FlatPiece, places_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3) points of the object, and its normals there, for places (n, 2) on a flat piece."""
-    corners = mesh.vertices[mesh.faces[piece.faces]].astype(np.float64)
-    sides = piece.flat_mm[:, 1:] - piece.flat_mm[:, :1]
+def _find_on_surface(corners: np.ndarray, flat_mm: np.ndarray, places_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 3) points of the object, and its normals there, for places (n, 2) on a piece.
+
+    Its triangles have their corners (k, 3, 3) on the object, and (k, 3, 2) where it lies flat.
+    """
+    sides = flat_mm[:, 1:] - flat_mm[:, :1]
     solid = np.abs(np.linalg.det(sides)) > 1e-9
-    corners, origin, back = corners[solid], piece.flat_mm[solid, 0], np.linalg.inv(sides[solid])
+    corners, origin, back = corners[solid].astype(np.float64), flat_mm[solid, 0], np.linalg.inv(sides[solid])
     points, normals = np.zeros((2, len(places_mm), 3))
     for row, place in enumerate(places_mm):
         # barycentric coordinates of the place in every triangle

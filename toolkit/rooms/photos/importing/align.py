@@ -13,9 +13,9 @@ import numpy as np
 from toolkit.core.console import progress
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
-from toolkit.rig.applied.wrap import WRAP
 from toolkit.rig.camera import project
 from toolkit.rig.plan import CapturePlan
+from toolkit.rig.variants import IN_PIECES
 from toolkit.rooms.photos.gates.check_photo import ExpectationBuilder
 from toolkit.rooms.photos.gates.objects import KnownObjects
 from toolkit.rooms.photos.gates.patch import ExpectedPatch
@@ -160,15 +160,14 @@ class Clues:
     def _weigh_wraps(self, item: Evidence, shots: Sequence[CaptureKey], view: PosedCamera) -> np.ndarray:
         """Cost of a wrap that is missing, or should not be there; the board gives the places of its pieces."""
         is_on: dict[str, bool] = {}
-        for name in {shot.object for shot in shots if shot.variant == WRAP.variant}:
-            expected = self._expecter.expect(name, WRAP.variant)
+        for name, variant in {(shot.object, shot.variant) for shot in shots if shot.variant in IN_PIECES}:
+            expected = self._expecter.expect(name, variant)
             if expected.wrap is not None and expected.solid is not None:
                 seen = look_for_pieces(load_pixels(item.candidate.photo), expected.wrap, expected.solid, view)
                 if seen.is_judged:
                     is_on[name] = seen.is_on
-        wrong = [
-            is_on.get(shot.object, shot.variant == WRAP.variant) != (shot.variant == WRAP.variant) for shot in shots
-        ]
+        belongs = [shot.variant in IN_PIECES for shot in shots]
+        wrong = [is_on.get(shot.object, wanted) != wanted for shot, wanted in zip(shots, belongs, strict=True)]
         return np.where(wrong, WRONG, 0.0)
 
     def _compare_corners(self, shot: CaptureKey, seen_px: np.ndarray | None) -> float:

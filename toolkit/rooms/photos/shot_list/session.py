@@ -1,6 +1,6 @@
 """Contents of an object's pages, and its first pages: sticking the patch, the walk, camera and table."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +9,6 @@ from toolkit.core.console import Ticker
 from toolkit.objects.load import TableObject
 from toolkit.printing.canvas import BOLD, CAMERA, INK, SHEET, SOFT, TICK_MM, WHITE, Pdf
 from toolkit.printing.page import Rect
-from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
 from toolkit.rig.applied.base import AppliedBooster
 from toolkit.rig.board import Board, CharucoBoard
 from toolkit.rig.camera import Camera
@@ -57,7 +56,7 @@ class ObjectSession:
         around: shared by its drawings.
         views: JPEGs by (variant, pose id).
         poses_sha256: `hash_poses` of the plan.
-        sides: of the object with the pieces of its wrap.
+        guide: draws where the pieces of a booster go; None without pieces.
     """
 
     item: TableObject
@@ -69,7 +68,7 @@ class ObjectSession:
     around: Surroundings
     views: dict[tuple[str, int], bytes]
     poses_sha256: str
-    sides: tuple[SideView, ...] = ()
+    guide: Callable[[Pdf, Rect], None] | None = None
 
     @property
     def sheets(self) -> int:
@@ -90,7 +89,7 @@ def prepare_session(
     poses = plan.objects[item.name]
     stops = find_stops(poses, steps)
     views = draw_views(item, plan.camera, poses, boosters, papers.board, bar=bar)
-    wraps = [b.wrap for b in boosters.values() if b is not None and b.wrap is not None]
+    guides = (b.draw_guide(item) for b in boosters.values() if b is not None)
     # `patched` before the others: the pages show how to stick its sheet
     stuck = [b for b in (boosters.get("patched"), *boosters.values()) if b is not None and b.sizes_mm and not b.alone]
     mountings = draw_mountings(item, stuck[0]) if stuck else []
@@ -98,7 +97,7 @@ def prepare_session(
     return ObjectSession(
         item, plan.camera, tuple(stops), stuck[0] if stuck else None, tuple(mountings), papers,
         around=survey(item.mesh, [stop.place for stop in stops]), views=views,
-        poses_sha256=hash_poses(plan, item.name), sides=tuple(draw_sides(item.mesh, wraps[0]) if wraps else ()),
+        poses_sha256=hash_poses(plan, item.name), guide=next(filter(None, guides), None),
     )  # fmt: skip
 
 
@@ -212,10 +211,10 @@ def draw_first_page(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
     frame = drawing.frame_mm if drawing else (0.0, 0.0, 2.0, 1.0)
     # upper row: how to stick the sheet, or why there is none
     mount, steps, walk, rounds, camera, stage = split_page(area, (frame[2] - frame[0]) / (frame[3] - frame[1]))
-    if session.sides and drawing is None:
+    if session.guide is not None and drawing is None:
         room = Rect(area.x, mount.y, area.width, mount.height)
         below = pdf.heading(room, "Places of the wrap's pieces: cut and order are on the first page of its print")
-        place_sides(pdf, Rect(room.x, room.y, room.width, below - room.y - 1), session.sides)
+        session.guide(pdf, Rect(room.x, room.y, room.width, below - room.y - 1))
     elif drawing is None or session.booster is None:
         room = Rect(area.x, mount.y, area.width, mount.height)
         pdf.panel(room)

@@ -20,12 +20,12 @@ from shapely.affinity import scale as stretch_outline
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
-from toolkit.objects.wrap import BLEED_MM, read_wrap, write_wrap
 from toolkit.printing import PrintSettings, WrapSettings
-from toolkit.printing.wrap_words import place_numbers, smooth_outline
-from toolkit.printing.wraps import CUT, order_pieces, print_wrap
-from toolkit.rig import WrapConfig
-from toolkit.rig.wrap_plan import plan_wrap
+from toolkit.rooms.wraps.config import WrapConfig
+from toolkit.rooms.wraps.printing.print_wrap import CUT, order_pieces, print_wrap
+from toolkit.rooms.wraps.printing.wrap_words import place_numbers, smooth_outline
+from toolkit.rooms.wraps.wrap import BLEED_MM, read_wrap, write_wrap
+from toolkit.rooms.wraps.wrap_plan import plan_wrap
 
 MM_PER_INCH = 25.4
 

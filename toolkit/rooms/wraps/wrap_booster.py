@@ -1,8 +1,13 @@
 """A wrap's pieces, stuck on an object."""
 
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
@@ -10,19 +15,21 @@ from toolkit.core.files import read_json
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
-from toolkit.objects.wrap import (
+from toolkit.rig.applied.base import AppliedBooster, BoosterKind, Pieces, StoredBooster, StoredTraining
+from toolkit.rooms.wraps.config import Misfit
+from toolkit.rooms.wraps.wrap import (
     MAP_FILE,
     RECORD_FILE,
     Wrap,
     WrapRecord,
+    check_wrap,
     find_wrap,
     hash_wrap,
     piece_name,
+    read_wrap,
     wrap_folder,
 )
-from toolkit.rig import Misfit
-from toolkit.rig.applied.base import AppliedBooster, BoosterKind
-from toolkit.rig.wrapped import draw_places, fill_canvas, wear_wrap
+from toolkit.rooms.wraps.wrapped import draw_places, fill_canvas, wear_wrap
 
 
 @dataclass(frozen=True)
@@ -62,9 +69,20 @@ class WrapBooster(AppliedBooster):
 
     def covering(self, item: TableObject, share: float) -> "WrapBooster":
         """Return the wrap with its best pieces alone, up to so large a share of what cameras see."""
-        from toolkit.rig.wrap_plan import take_best  # brings the renderer, which most commands do without
+        from toolkit.rooms.wraps.wrap_plan import take_best  # brings the renderer, which most commands do without
 
         return replace(self, wrap=take_best(self.wrap, item, share), coverage=share)
+
+    def draw_guide(self, item: TableObject) -> Callable[[Any, Any], None]:
+        """Return what draws the object from six sides, its pieces numbered."""
+        from toolkit.rooms.wraps.printing.wrap_views import draw_sides, place_sides  # bring the page
+
+        return partial(place_sides, views=draw_sides(item.mesh, self.wrap))
+
+    def list_facts(self) -> dict[str, str]:
+        """Return number and material of its pieces, and what they cover."""
+        record = self.wrap.record
+        return {"pieces": f"{len(record.pieces)} of {record.material}, {record.covered:.0%} of what is seen"}
 
     def _describe_misfit(self) -> dict[str, Any]:
         if self.misfit is None:
@@ -96,8 +114,51 @@ def list_wrap_files(workspace: Workspace, item: TableObject) -> list[Path]:
     folder = wrap_folder(workspace, item)
     if folder is None:
         return []
-    pieces = read_json(folder / RECORD_FILE, WrapRecord).pieces
-    return [folder / name for name in (RECORD_FILE, MAP_FILE, *(piece_name(piece.number) for piece in pieces))]
+    return _list_files(folder, read_json(folder / RECORD_FILE, WrapRecord))
 
 
-WRAP = BoosterKind("wrapped", "wrap", find_wrap_booster, files=list_wrap_files)
+def _list_files(folder: Path, record: WrapRecord) -> list[Path]:
+    return [folder / name for name in (RECORD_FILE, MAP_FILE, *(piece_name(piece.number) for piece in record.pieces))]
+
+
+def read_stored_wrap(folder: Path) -> StoredBooster:
+    """Read a wrap; raises as `read_wrap`, or if nothing is trained on it."""
+    wrap = read_wrap(folder)
+    record, training = wrap.record, wrap.record.booster
+    if training is None:
+        raise ToolkitError(f"{folder}: is a plan with nothing trained on it: expected a trained wrap")
+    assert wrap.pixels is not None  # `read_wrap` reads them
+    return StoredBooster(
+        wrap.pixels, hash_wrap(record), record.class_name, training.class_index, training.networks,
+        _list_files(folder, record), check=partial(check_wrap, wrap),
+    )  # fmt: skip
+
+
+def list_wrap_trainings(workspace: Workspace) -> Iterator[StoredTraining]:
+    """Yield the training of every trained wrap."""
+    for folder in workspace.wraps().values():
+        with suppress(ToolkitError):
+            wrap = read_json(folder / RECORD_FILE, WrapRecord)
+            if wrap.booster is not None:
+                yield StoredTraining(hash_wrap(wrap), wrap.name, wrap.class_name or "", wrap.booster.networks)
+
+
+def find_wrap_pieces(workspace: Workspace, item: TableObject) -> Pieces | None:
+    """Return the pieces of an object's wrap; None without a wrap. Raises as `find_wrap` if the wrap is broken."""
+    if (folder := wrap_folder(workspace, item)) is None:
+        return None
+    wrap = read_wrap(folder)
+    check_wrap(wrap, item)
+    record, placed = wrap.record, list(zip(wrap.pieces, wrap.record.pieces, strict=True))
+    return Pieces(
+        record.name, record.booster is not None or record.picture is not None, fill_canvas(wrap, len(item.mesh.faces)),
+        record.texel_mm, faces=tuple(piece.faces for piece, _ in placed),
+        corners_px=tuple(np.array(at.origin_px) + piece.flat_mm / record.texel_mm for piece, at in placed),
+    )  # fmt: skip
+
+
+WRAP = BoosterKind(
+    "wrapped", "wrap", find_wrap_booster, files=list_wrap_files, read=read_stored_wrap,
+    list_trainings=list_wrap_trainings, find_pieces=find_wrap_pieces, folder="print/wraps/{object}",
+    print_options="--wrap {object}",
+)  # fmt: skip

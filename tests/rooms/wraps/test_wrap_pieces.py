@@ -5,12 +5,12 @@ import pytest
 import shapely
 import trimesh
 
-from toolkit.objects.flatten import Region, join_edges, weld_surface
-from toolkit.objects.grow import MANY, find_pieces
 from toolkit.objects.mesh import Material, Mesh, cross_products, flat_areas, mesh_from_corners
-from toolkit.objects.seams import find_folds, find_seams
-from toolkit.objects.trim import Limits, even_border
-from toolkit.objects.wrap import FlatPiece
+from toolkit.rooms.wraps.cutting.flatten import Region, join_edges, weld_surface
+from toolkit.rooms.wraps.cutting.grow import MANY, find_pieces
+from toolkit.rooms.wraps.cutting.seams import find_folds, find_seams
+from toolkit.rooms.wraps.cutting.trim import Limits, even_border
+from toolkit.rooms.wraps.wrap import FlatPiece
 
 A4 = (190.0, 277.0)
 GREY = Material("grey", np.full((4, 4, 3), 128, np.uint8))

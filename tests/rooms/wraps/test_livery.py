@@ -16,11 +16,11 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.records import read_texture, write_texture
-from toolkit.objects.wrap import Wrap, find_wrap, read_wrap, write_wrap
-from toolkit.printing.wraps import print_wrap
-from toolkit.rig import WrapConfig
 from toolkit.rig.variants import find_booster
-from toolkit.rig.wrap_plan import plan_wrap
+from toolkit.rooms.wraps.config import WrapConfig
+from toolkit.rooms.wraps.printing.print_wrap import print_wrap
+from toolkit.rooms.wraps.wrap import Wrap, find_wrap, read_wrap, write_wrap
+from toolkit.rooms.wraps.wrap_plan import plan_wrap
 
 SIZE_MM = np.array([60.0, 40.0, 30.0])
 COLOURS = np.array([[9, 1, 1], [1, 9, 1], [1, 1, 9], [9, 9, 1], [9, 1, 9], [1, 9, 9]], np.uint8) * 25

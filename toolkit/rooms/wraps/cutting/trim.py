@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolkit.core.lazy import cv2, scipy
-from toolkit.objects.flatten import (
+from toolkit.objects.mesh import signed_areas
+from toolkit.objects.unwrap import spread
+from toolkit.rooms.wraps.cutting.flatten import (
     FLAT_MM2,
     Region,
     Surface,
@@ -20,9 +22,7 @@ from toolkit.objects.flatten import (
     weighted_percentile,
     worth_of,
 )
-from toolkit.objects.mesh import signed_areas
-from toolkit.objects.unwrap import spread
-from toolkit.objects.wrap import FlatPiece
+from toolkit.rooms.wraps.wrap import FlatPiece
 
 NARROWEST_MM = 12.0
 """Narrowest piece that a hand places."""

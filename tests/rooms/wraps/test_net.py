@@ -5,13 +5,13 @@ import pytest
 import shapely
 import trimesh
 
-from tests.objects.test_wrap_pieces import A4, areas, box, check, cone, make_mesh
+from tests.rooms.wraps.test_wrap_pieces import A4, areas, box, check, cone, make_mesh
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.flatten import weld_surface
 from toolkit.objects.mesh import Mesh
-from toolkit.objects.net import find_tabs, unfold
-from toolkit.objects.seams import find_folds
-from toolkit.objects.wrap import FlatPiece
+from toolkit.rooms.wraps.cutting.flatten import weld_surface
+from toolkit.rooms.wraps.cutting.net import find_tabs, unfold
+from toolkit.rooms.wraps.cutting.seams import find_folds
+from toolkit.rooms.wraps.wrap import FlatPiece
 
 
 def step() -> Mesh:

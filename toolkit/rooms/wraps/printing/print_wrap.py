@@ -13,8 +13,6 @@ from toolkit.core.lazy import scipy, shapely
 from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
-from toolkit.objects.net import TAB_MM
-from toolkit.objects.wrap import BLEED_MM, PieceRecord, Wrap, check_wrap, hash_wrap, read_wrap
 from toolkit.printing import PrintSettings, WrapSettings
 from toolkit.printing.canvas import BOLD, INK, SOFT, WHITE, Pdf, Point, measure_text_mm
 from toolkit.printing.document import HASH_DIGITS
@@ -27,7 +25,6 @@ from toolkit.printing.marks import (
     reserve_strip,
     strip_area,
 )
-from toolkit.printing.nesting import CutSheet, Nested, fits, nest, write_dxf, write_svg
 from toolkit.printing.page import (
     LARGEST_MM,
     SMALLEST_MM,
@@ -40,9 +37,18 @@ from toolkit.printing.page import (
     turn_frames,
 )
 from toolkit.printing.print_patches import name_pdf, shorten
-from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
-from toolkit.printing.wrap_words import NUMBER_HIGH_MM, PlaceFinder, box_about, place_numbers, smooth_outline
-from toolkit.rig.livery import find_way
+from toolkit.rooms.wraps.cutting.net import TAB_MM
+from toolkit.rooms.wraps.livery import find_way
+from toolkit.rooms.wraps.printing.nesting import CutSheet, Nested, fits, nest, write_dxf, write_svg
+from toolkit.rooms.wraps.printing.wrap_views import SideView, draw_sides, place_sides
+from toolkit.rooms.wraps.printing.wrap_words import (
+    NUMBER_HIGH_MM,
+    PlaceFinder,
+    box_about,
+    place_numbers,
+    smooth_outline,
+)
+from toolkit.rooms.wraps.wrap import BLEED_MM, PieceRecord, Wrap, check_wrap, hash_wrap, read_wrap
 
 if TYPE_CHECKING:
     from shapely import Polygon

@@ -12,7 +12,6 @@ from toolkit.boosters.detectors import meet_networks
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixels import Network, Target, from_picture, list_networks
 from toolkit.boosters.texture import CHECKPOINT_EVERY_S, SurfaceTask, say_held_out
-from toolkit.boosters.texture_config import WrapTrainConfig
 from toolkit.boosters.texture_objects import TexturedObject, choose_class, load_inputs
 from toolkit.boosters.validation import WeatherValidation
 from toolkit.core.console import notice, progress
@@ -23,7 +22,10 @@ from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.objects.atlas import GROUND, Atlas
 from toolkit.objects.load import TableObject, load_object, scale_to_world
 from toolkit.objects.mesh import Mesh
-from toolkit.objects.wrap import (
+from toolkit.rig.views import PaintableObject, RenderedView
+from toolkit.rooms.wraps.config import Misfit
+from toolkit.rooms.wraps.livery import read_livery
+from toolkit.rooms.wraps.wrap import (
     MAP_FILE,
     RECORD_FILE,
     RankedPiece,
@@ -36,11 +38,9 @@ from toolkit.objects.wrap import (
     wrap_folder,
     write_wrap,
 )
-from toolkit.rig import Misfit
-from toolkit.rig.livery import read_livery
-from toolkit.rig.views import PaintableObject, RenderedView
-from toolkit.rig.wrap_plan import draw_paint, measure_cover, plan_wrap
-from toolkit.rig.wrapped import draw_places, find_canvas, wear_wrap
+from toolkit.rooms.wraps.wrap_config import WrapTrainConfig
+from toolkit.rooms.wraps.wrap_plan import draw_paint, measure_cover, plan_wrap
+from toolkit.rooms.wraps.wrapped import draw_places, find_canvas, wear_wrap
 
 BATCH = 12
 """Views that are shown together when pieces are ranked."""

@@ -7,10 +7,10 @@ import numpy as np
 from PIL import Image
 
 from toolkit.objects.mesh import Mesh, cross_products, load_open3d, make_ray_scene
-from toolkit.objects.wrap import Wrap
 from toolkit.printing.canvas import BOLD, Pdf
 from toolkit.printing.page import Rect
 from toolkit.rig.mount import SIDES
+from toolkit.rooms.wraps.wrap import Wrap
 
 SIX = {**{side: SIDES[side] for side in ("front", "left", "back", "right", "top")}, "bottom": ((1, 0, 0), (0, -1, 0))}
 """Right and up of each side, seen from outside."""

@@ -5,8 +5,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from toolkit.core.text import name_letter
-from toolkit.objects.flatten import Surface
-from toolkit.objects.wrap import FlatPiece, Point, SeamRecord
+from toolkit.rooms.wraps.cutting.flatten import Surface
+from toolkit.rooms.wraps.wrap import FlatPiece, Point, SeamRecord
 
 LEAST_SEAM_MM = 8.0
 """Shorter ones need no letter."""

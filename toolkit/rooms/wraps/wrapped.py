@@ -9,9 +9,9 @@ import numpy as np
 from toolkit.core.draws import Draws
 from toolkit.objects.atlas import cover_texels, nearest_covered
 from toolkit.objects.mesh import Material, Mesh, cross_products, group_rows, merge_meshes, signed_areas
-from toolkit.objects.wrap import FlatPiece, Wrap
-from toolkit.rig import Misfit
 from toolkit.rig.mount import PAPER
+from toolkit.rooms.wraps.config import Misfit
+from toolkit.rooms.wraps.wrap import FlatPiece, Wrap
 
 if TYPE_CHECKING:
     from shapely import Geometry

@@ -9,7 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.core.console import progress
-from toolkit.objects.flatten import (
+from toolkit.objects.mesh import Mesh, load_open3d, make_triangle_scene, signed_areas
+from toolkit.objects.unwrap import cut_charts, spread
+from toolkit.rooms.wraps.cutting.flatten import (
     FLAT_MM2,
     Region,
     Surface,
@@ -29,10 +31,8 @@ from toolkit.objects.flatten import (
     weld_surface,
     worth_of,
 )
-from toolkit.objects.mesh import Mesh, load_open3d, make_triangle_scene, signed_areas
-from toolkit.objects.trim import NARROWEST_MM, Limits, even_border, finish, leave_hidden, make_piece
-from toolkit.objects.unwrap import cut_charts, spread
-from toolkit.objects.wrap import FlatPiece
+from toolkit.rooms.wraps.cutting.trim import NARROWEST_MM, Limits, even_border, finish, leave_hidden, make_piece
+from toolkit.rooms.wraps.wrap import FlatPiece
 
 MANY, FEW = 14_000, 8_000
 """A surface with more triangles is simplified to about so many."""

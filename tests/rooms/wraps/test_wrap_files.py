@@ -14,9 +14,9 @@ from toolkit.objects.load import BUILTIN, TableObject, load_object
 from toolkit.objects.mesh import place_on_table
 from toolkit.objects.records import pack_arrays
 from toolkit.objects.spec import ObjectSpec
-from toolkit.objects.wrap import Wrap, find_wrap, lay_out, read_wrap, texel_box, write_wrap
-from toolkit.rig import WrapConfig
-from toolkit.rig.wrap_plan import plan_wrap
+from toolkit.rooms.wraps.config import WrapConfig
+from toolkit.rooms.wraps.wrap import Wrap, find_wrap, lay_out, read_wrap, texel_box, write_wrap
+from toolkit.rooms.wraps.wrap_plan import plan_wrap
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def test_the_canvas_keeps_sizes_and_pieces_apart(item: TableObject, wrap: Wrap) 
 
 def test_a_shipped_wrap_counts_where_it_fits_alone(item: TableObject, wrap: Wrap, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "data")
-    monkeypatch.setattr("toolkit.objects.wrap.PACKAGE_DATA", tmp_path / "data")
+    monkeypatch.setattr("toolkit.rooms.wraps.wrap.PACKAGE_DATA", tmp_path / "data")
     space = make_workspace(tmp_path / "space")
     shipped = write_wrap(tmp_path / "data" / "wraps" / "carton", wrap)
     assert find_wrap(space, item).record == shipped.record
@@ -79,7 +79,7 @@ def test_a_shipped_wrap_counts_where_it_fits_alone(item: TableObject, wrap: Wrap
 def test_a_copy_made_to_be_shipped_is_the_same_wrap_in_less_room(
     item: TableObject, wrap: Wrap, tmp_path: Path, monkeypatch
 ) -> None:
-    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "docs" / "scripts")
+    monkeypatch.syspath_prepend(Path(__file__).parents[3] / "docs" / "scripts")
     from ship_wraps import ship_wrap
 
     written = write_wrap(tmp_path / "own", wrap)

@@ -10,18 +10,18 @@ import torch
 from killed_runs import read_folder, train_killed
 from tiny_network import tiny_classifier
 
-from toolkit.boosters.texture_config import WRAP_RECIPES, make_wrap_config
-from toolkit.boosters.wrap_task import paint_pieces, rank_pieces, train_wrap, wrap_object
 from toolkit.core.console import quietly
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
-from toolkit.objects.wrap import find_wrap, read_wrap, write_wrap
-from toolkit.rig import Misfit, WrapConfig
 from toolkit.rig.views import ViewSettings, ViewStream
-from toolkit.rig.wrap_plan import draw_paint, plan_wrap
-from toolkit.rig.wrapped import find_canvas
+from toolkit.rooms.wraps.config import Misfit, WrapConfig
+from toolkit.rooms.wraps.wrap import find_wrap, read_wrap, write_wrap
+from toolkit.rooms.wraps.wrap_config import WRAP_RECIPES, make_wrap_config
+from toolkit.rooms.wraps.wrap_plan import draw_paint, plan_wrap
+from toolkit.rooms.wraps.wrap_task import paint_pieces, rank_pieces, train_wrap, wrap_object
+from toolkit.rooms.wraps.wrapped import find_canvas
 
 QUICK = {
     "objects": ("crate",), "steps": 4, "batch": 2, "lr": 0.1, "studios": 1, "per_studio": 4, "reuse": 2, "held_out": 1,
@@ -30,10 +30,10 @@ KILLED = f"""
 import sys
 from pathlib import Path
 from dying import die, die_at_checkpoint
-import toolkit.objects.wrap as wraps
+import toolkit.rooms.wraps.wrap as wraps
 from tiny_network import tiny_classifier
-from toolkit.boosters.wrap_task import train_wrap
-from toolkit.boosters.texture_config import make_wrap_config
+from toolkit.rooms.wraps.wrap_task import train_wrap
+from toolkit.rooms.wraps.wrap_config import make_wrap_config
 from toolkit.core.workspace import Workspace
 
 if sys.argv[1] == "checkpoint":
@@ -231,7 +231,7 @@ def test_a_shipped_wrap_is_the_plan_and_stays_as_it_is(split, tmp_path, monkeypa
     shipped = tmp_path / "data" / "wraps" / "crate"
     shipped.parent.mkdir(parents=True)
     split.wrap("crate").rename(shipped)
-    for module in ("core.workspace", "objects.wrap", "boosters.wrap_task"):
+    for module in ("core.workspace", "rooms.wraps.wrap", "rooms.wraps.wrap_task"):
         monkeypatch.setattr(f"toolkit.{module}.PACKAGE_DATA", tmp_path / "data")
     before = {file.name: file.read_bytes() for file in shipped.iterdir()}
     made = run(split, pieces="1..2", steps=1)

@@ -14,11 +14,11 @@ import numpy as np
 from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
 from toolkit.core.lazy import shapely
-from toolkit.objects.flatten import Region, Surface, lay_triangles
-from toolkit.objects.seams import Edge, find_joined, spread_pieces
-from toolkit.objects.spec import MOST_PIECES
-from toolkit.objects.trim import make_piece, turn_to_fit
-from toolkit.objects.wrap import FlatPiece, SeamRecord, TabRecord
+from toolkit.rooms.wraps.config import MOST_PIECES
+from toolkit.rooms.wraps.cutting.flatten import Region, Surface, lay_triangles
+from toolkit.rooms.wraps.cutting.seams import Edge, find_joined, spread_pieces
+from toolkit.rooms.wraps.cutting.trim import make_piece, turn_to_fit
+from toolkit.rooms.wraps.wrap import FlatPiece, SeamRecord, TabRecord
 
 MOST_FACES = 2_000
 """Most triangles that a person folds."""

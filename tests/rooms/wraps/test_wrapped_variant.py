@@ -11,7 +11,6 @@ from PIL import Image
 
 from toolkit.boosters.linear_view import batch_views, show_texture
 from toolkit.boosters.pixels import from_picture, quantise
-from toolkit.boosters.wrap_task import wear_grey
 from toolkit.captures.manifest import read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.captures.shoot import Rehearsal, ShootSettings, print_booster, shoot_plan, studio_for
@@ -22,9 +21,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.evaluation.results import find_training
 from toolkit.objects.load import load_object
 from toolkit.objects.records import NetworkRecord
-from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
-from toolkit.rig import Misfit, ShotListConfig, WrapConfig
-from toolkit.rig.applied.wrap import WrapBooster
+from toolkit.rig import ShotListConfig
 from toolkit.rig.camera import Camera
 from toolkit.rig.kernel.frame import NOTHING
 from toolkit.rig.plan import read_plan
@@ -32,8 +29,12 @@ from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.renderer import view_from
 from toolkit.rig.shading import tone_map
 from toolkit.rig.variants import apply_booster, find_booster, note_booster
-from toolkit.rig.wrap_plan import plan_wrap, take_best
 from toolkit.rooms.photos.shot_list.job import write_shot_list
+from toolkit.rooms.wraps.config import Misfit, WrapConfig
+from toolkit.rooms.wraps.wrap import Wrap, WrapTraining, read_wrap, write_wrap
+from toolkit.rooms.wraps.wrap_booster import WrapBooster
+from toolkit.rooms.wraps.wrap_plan import plan_wrap, take_best
+from toolkit.rooms.wraps.wrap_task import wear_grey
 
 TRAINING = WrapTraining(
     class_index=1, networks=[], data={}, seed=0, settings={}, final={}, misfit={}, toolkit_version="0"
@@ -194,7 +195,7 @@ def test_the_shot_list_shows_where_the_pieces_go(space):
 
 
 def test_a_mesh_of_very_many_triangles_is_one_line(crate, monkeypatch):
-    monkeypatch.setattr("toolkit.rig.wrap_plan.MOST_TRIANGLES", 11)
+    monkeypatch.setattr("toolkit.rooms.wraps.wrap_plan.MOST_TRIANGLES", 11)
     with pytest.raises(ToolkitError, match=r"crate: 12 triangles, more than a wrap's 11: simplify it \("):
         plan_wrap(crate)
 

@@ -14,7 +14,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.lazy import shapely
 from toolkit.core.text import FileName, Label
-from toolkit.core.workspace import PACKAGE_DATA, Workspace
+from toolkit.core.workspace import PACKAGE_DATA, WRAP_RECORD, Workspace
 from toolkit.objects.atlas import split_vertices
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Material as SurfaceMaterial
@@ -29,12 +29,12 @@ from toolkit.objects.records import (
     read_usable,
     unpack_arrays,
 )
-from toolkit.objects.spec import MOST_PIECES, Material
+from toolkit.rooms.wraps.config import MOST_PIECES, Material
 
 if TYPE_CHECKING:
     from shapely import Polygon
 
-RECORD_FILE, MAP_FILE = "wrap.json", "pieces.npz"
+RECORD_FILE, MAP_FILE = WRAP_RECORD, "pieces.npz"
 BLEED_MM = 1.5
 MOST_TEXELS = 1024
 """A canvas' side, as for textures."""

@@ -15,7 +15,7 @@ from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
 from toolkit.objects.painted import paint_object
 from toolkit.objects.records import MOST_RECORDED_BYTES, read_texture
-from toolkit.objects.wrap import (
+from toolkit.rooms.wraps.wrap import (
     PLAIN,
     RECORD_FILE,
     FlatPiece,
@@ -25,7 +25,7 @@ from toolkit.objects.wrap import (
     dress_mesh,
     read_wrap,
 )
-from toolkit.rig.wrapped import fill_canvas
+from toolkit.rooms.wraps.wrapped import fill_canvas
 
 LEVEL = 0.35
 """A piece that rises less than this, millimetres per millimetre, lies level: its arrow points to the front."""

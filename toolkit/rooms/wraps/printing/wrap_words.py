@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.core.lazy import shapely
-from toolkit.objects.wrap import BLEED_MM
 from toolkit.printing.canvas import Point
+from toolkit.rooms.wraps.wrap import BLEED_MM
 
 if TYPE_CHECKING:
     from shapely import Polygon

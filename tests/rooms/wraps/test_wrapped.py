@@ -6,8 +6,8 @@ from wrap_parts import FRONT_AND_TOP, N_PX, SIDE, TEXEL_MM, make_box_wrap
 
 from toolkit.core.draws import Draws
 from toolkit.objects.mesh import cross_products
-from toolkit.rig import Misfit
-from toolkit.rig.wrapped import EDGE_MM, IN_PLACE, LAYER_MM, SHEET_MM, draw_places, lay_piece, wear_wrap
+from toolkit.rooms.wraps.config import Misfit
+from toolkit.rooms.wraps.wrapped import EDGE_MM, IN_PLACE, LAYER_MM, SHEET_MM, draw_places, lay_piece, wear_wrap
 
 CANVAS = np.full((N_PX, N_PX, 3), 90, np.uint8)
 THREE = np.array([[1.0, 0.0, 3.0], [0.0, 1.0, -2.0]])

@@ -10,23 +10,22 @@ from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
 from toolkit.core.threads import map_ahead
 from toolkit.objects.atlas import make_atlas, take_paint
-from toolkit.objects.flatten import Surface, lay_triangles, weld_surface
-from toolkit.objects.grow import find_pieces
 from toolkit.objects.limits import SIMPLER
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh, cast_rays, cross_products, make_ray_scene
-from toolkit.objects.net import FOLD_DEG as NET_FOLD_DEG
-from toolkit.objects.net import TAB_MM, name_tabs, unfold
-from toolkit.objects.seams import FOLD_DEG, find_folds, find_seams
-from toolkit.objects.spec import STRETCH
-from toolkit.objects.trim import Limits, turn_to_fit
 from toolkit.objects.unwrap import spread
-from toolkit.objects.wrap import FlatPiece, PictureRecord, PieceRecord, Wrap, WrapRecord, fits_canvas, lay_out
-from toolkit.rig import WrapConfig
 from toolkit.rig.camera import Camera
-from toolkit.rig.livery import draw_pattern, read_livery, read_picture
 from toolkit.rig.patch_places import draw_poses
 from toolkit.rig.plan import Pose
+from toolkit.rooms.wraps.config import STRETCH, WrapConfig
+from toolkit.rooms.wraps.cutting.flatten import Surface, lay_triangles, weld_surface
+from toolkit.rooms.wraps.cutting.grow import find_pieces
+from toolkit.rooms.wraps.cutting.net import FOLD_DEG as NET_FOLD_DEG
+from toolkit.rooms.wraps.cutting.net import TAB_MM, name_tabs, unfold
+from toolkit.rooms.wraps.cutting.seams import FOLD_DEG, find_folds, find_seams
+from toolkit.rooms.wraps.cutting.trim import Limits, turn_to_fit
+from toolkit.rooms.wraps.livery import draw_pattern, read_livery, read_picture
+from toolkit.rooms.wraps.wrap import FlatPiece, PictureRecord, PieceRecord, Wrap, WrapRecord, fits_canvas, lay_out
 
 LIFT_MM = 0.05
 FINEST_MM = 0.1

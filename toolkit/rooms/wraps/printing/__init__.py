@@ -1,0 +1,1 @@
+"""Pages with the pieces of a wrap, outlines for a machine, and the object from six sides."""
