@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from copier import TERMS, copier_profile, print_colours
 from part_checks import check_gradient, count_changed, grey_noise
-from print_colours import TERMS, copier_profile, print_colours
 
 from toolkit.boosters.patch_config import PATCHES, list_patch_inputs, make_config, use_printer
 from toolkit.boosters.pixel_config import DataConfig

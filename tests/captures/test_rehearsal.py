@@ -6,8 +6,8 @@ from io import BytesIO
 
 import numpy as np
 import pytest
+from copier import copier_profile, print_colours
 from PIL import Image
-from print_colours import copier_profile, print_colours
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 

@@ -7,8 +7,8 @@ from io import BytesIO
 import numpy as np
 import pytest
 import trimesh
+from copier import copier_profile
 from PIL import Image
-from print_colours import copier_profile
 from typer.testing import CliRunner
 
 from toolkit.cli import app

@@ -11,8 +11,8 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from copier import print_colours
 from PIL import ExifTags, Image
-from print_colours import print_colours
 
 from toolkit.captures.manifest import read_manifest
 from toolkit.captures.read import read_captures
