@@ -22,6 +22,12 @@ settings.load_profile("steady")
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
+def pytest_collection_modifyitems(items):
+    """Files with slow tests come first: at the end of a run a core that has nothing left waits for short ones only."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 def pytest_collection_finish():
     """What is imported by now is not searched for garbage again and again."""
     gc.freeze()

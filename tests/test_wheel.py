@@ -113,5 +113,6 @@ def test_the_readmes_python_runs_from_the_wheel(site, tmp_path):
     assert (tmp_path / "lab/print/rig18/coffeepot.pdf").read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.slow  # beside the others, which build the same wheel
 def test_the_wheel_says_that_it_is_typed(site):
     assert (site / "toolkit/py.typed").is_file()
