@@ -23,9 +23,16 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
 def pytest_collection_modifyitems(items):
-    """Files with slow tests come first: at the end of a run a core that has nothing left waits for short ones only."""
-    slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    """Each process begins with a share of the files that hold slow tests, and ends with short ones, which others take.
+
+    With `--dist worksteal` a process gets a part of the list as it stands; one that is done takes from the ends.
+    """
+    slow = {item.path: False for item in items}
+    slow |= {item.path: True for item in items if item.get_closest_marker("slow")}
+    kinds = [[path for path in slow if slow[path] is is_slow] for is_slow in (True, False)]
+    order = [path for share in range(WORKERS) for kind in kinds for path in kind[share::WORKERS]]
+    rank = {path: at for at, path in enumerate(order)}
+    items.sort(key=lambda item: rank[item.path])
 
 
 def pytest_collection_finish():

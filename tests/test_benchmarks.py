@@ -80,6 +80,7 @@ SMALL_PLAN = ("plan", "--count", "2", "--resolution", "160", "120")
 
 def run_child(command, **_):
     done = forked.run(CHILD, ROOT / f"{command[2].replace('.', '/')}.py", *command[3:])
+    assert done.returncode == 0 or command[3] != "rig", done.stderr.decode()
     return CompletedProcess(command, done.returncode, done.stdout.decode(), done.stderr.decode())
 
 
