@@ -22,6 +22,19 @@ settings.load_profile("steady")
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
+def pytest_collection_modifyitems(items):
+    """Each process begins with a share of the files that hold slow tests, and ends with short ones, which others take.
+
+    With `--dist worksteal` a process gets a part of the list as it stands; one that is done takes from the ends.
+    """
+    slow = {item.path: False for item in items}
+    slow |= {item.path: True for item in items if item.get_closest_marker("slow")}
+    kinds = [[path for path in slow if slow[path] is is_slow] for is_slow in (True, False)]
+    order = [path for share in range(WORKERS) for kind in kinds for path in kind[share::WORKERS]]
+    rank = {path: at for at, path in enumerate(order)}
+    items.sort(key=lambda item: rank[item.path])
+
+
 def pytest_collection_finish():
     """What is imported by now is not searched for garbage again and again."""
     gc.freeze()

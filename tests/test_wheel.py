@@ -47,26 +47,32 @@ def weights(tmp_path_factory) -> Path:
     return folder
 
 
+SMALL = "--count 2 --pattern ring --resolution 160 120 --quiet"
+SET_UP = f"""
+import sys, toolkit
+from toolkit.cli import main
+print(toolkit.__file__)
+for line in ("init lab", "plan --workspace lab {SMALL} " + " ".join(sys.argv[1:])):
+    sys.argv = ["toolkit", *line.split()]
+    try:
+        main()
+    except SystemExit as ended:
+        assert not ended.code
+"""
+NOWHERE = {"HTTPS_PROXY": "http://127.0.0.1:9", "TOOLKIT_WEIGHTS": ""}
+
+
+def run_demo(site: Path, folder: Path, *words: str, **environment: str) -> str:
+    """What the demo says, of two small pictures per object and variant, so that it is short."""
+    environment["PYTHONPATH"] = str(site)
+    where = run(sys.executable, "-c", SET_UP, *words, cwd=folder, **environment).splitlines()[0]
+    assert Path(where).is_relative_to(site)
+    return run(sys.executable, "-m", "toolkit", "demo", "lab", "--quiet", cwd=folder, **environment)
+
+
 @pytest.mark.slow
 def test_the_installed_wheel_runs_the_demo(site, weights, tmp_path):
-    where = run(sys.executable, "-c", "import toolkit; print(toolkit.__file__)", cwd=tmp_path, PYTHONPATH=str(site))
-    assert Path(where.strip()).is_relative_to(site)
-
-    def toolkit(*arguments: str) -> str:
-        return run(
-            sys.executable,
-            "-m",
-            "toolkit",
-            *arguments,
-            cwd=tmp_path,
-            PYTHONPATH=str(site),
-            TOOLKIT_WEIGHTS=str(weights),
-        )
-
-    toolkit("init", "lab")
-    # two small pictures per object and variant, so that the test is short
-    toolkit("plan", "--workspace", "lab", "--count", "2", "--pattern", "ring", "--resolution", "160", "120", "--quiet")
-    said = toolkit("demo", "lab", "--quiet")
+    said = run_demo(site, tmp_path, TOOLKIT_WEIGHTS=str(weights))
     assert "16 images shot" in said
     summary = json.loads((tmp_path / "lab/eval/resnet18-random-sim/summary.json").read_text())
     assert {(g["object"], g["variant"], g["n"]) for g in summary["groups"]} >= {
@@ -79,14 +85,8 @@ def test_the_installed_wheel_runs_the_demo(site, weights, tmp_path):
 
 @pytest.mark.slow
 def test_without_weights_and_network_the_demo_speaks_through_rig18(site, tmp_path):
-    def toolkit(*arguments: str) -> str:
-        nowhere = {"HTTPS_PROXY": "http://127.0.0.1:9", "TORCH_HOME": str(tmp_path / "cache"), "TOOLKIT_WEIGHTS": ""}
-        return run(sys.executable, "-m", "toolkit", *arguments, cwd=tmp_path, PYTHONPATH=str(site), **nowhere)
-
-    toolkit("init", "lab")
-    small = ("--object", "racer", "--count", "2", "--pattern", "ring", "--resolution", "160", "120", "--quiet")
-    toolkit("plan", "--workspace", "lab", *small)
-    said = " ".join(toolkit("demo", "lab", "--quiet").split())
+    said = run_demo(site, tmp_path, "--object", "racer", **NOWHERE, TORCH_HOME=str(tmp_path / "cache"))
+    said = " ".join(said.split())
     assert "network: rig18 (resnet18 trained on renders of 36 kinds of everyday objects" in said
     assert "not ImageNet" in said and "none could be downloaded" in said
     summary = json.loads((tmp_path / "lab/eval/rig18-sim/summary.json").read_text())
@@ -106,12 +106,13 @@ def test_the_readmes_python_runs_from_the_wheel(site, tmp_path):
     for setting, smaller in SMALLER.items():
         assert setting in block
         block = block.replace(setting, smaller)
-    nowhere = {"HTTPS_PROXY": "http://127.0.0.1:9", "TORCH_HOME": str(tmp_path / "cache"), "TOOLKIT_WEIGHTS": ""}
-    said = run(sys.executable, "-c", block, cwd=tmp_path, PYTHONPATH=str(site), **nowhere)
+    where = NOWHERE | {"TORCH_HOME": str(tmp_path / "cache"), "PYTHONPATH": str(site)}
+    said = run(sys.executable, "-c", block, cwd=tmp_path, **where)
     assert "rig18 is correct on" in said and "lab/eval/rig18-sim/report.html" in said.replace("\n", "")
     assert (tmp_path / "lab/eval/rig18-sim/report.html").stat().st_size > 20_000
     assert (tmp_path / "lab/print/rig18/coffeepot.pdf").read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.slow  # beside the others, which build the same wheel
 def test_the_wheel_says_that_it_is_typed(site):
     assert (site / "toolkit/py.typed").is_file()

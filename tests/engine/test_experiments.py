@@ -139,7 +139,7 @@ def test_a_driver_that_is_stopped_goes_on_with_any_engine_and_does_nothing_twice
 
 
 @pytest.mark.slow
-def test_the_command_takes_workers_and_lists_what_failed(make_crate_space, tmp_path, monkeypatch):
+def test_the_command_takes_workers_and_lists_what_failed(make_crate_space, forked_workers, tmp_path, monkeypatch):
     from typer.testing import CliRunner
 
     from toolkit.cli import app

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.imaging.colour import srgb_to_linear
+from toolkit.rig.kernel.develop import develop
 from toolkit.rig.shading import tone_map
 
 
@@ -54,3 +55,11 @@ def test_light_that_is_no_number_is_black_and_endless_light_white():
     picture = tone_map(light, (0,), noise=0, falloff=0)
     assert picture[:, :, 0].tolist()[0] == [0, 255, 0] and picture[1, 0, 0] == 255
     assert picture[1, 1, 0] == tone_map(flat(0.2, (2, 3)), (0,), noise=0, falloff=0)[1, 1, 0]
+
+
+def test_whole_numbers_are_no_other_machine_code():
+    """It would be kept beside the first, and the next command would find its folder changed and compile all again."""
+    tone_map(flat(0.2), (0,))
+    known = len(develop.signatures)
+    tone_map(flat(0.2), (0,), noise=0, falloff=0)
+    assert len(develop.signatures) == known == 1

@@ -2,7 +2,6 @@
 
 import os
 import signal
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from toolkit.training import loop
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import FitConfig, History, TrainingTask, fit
 
-HELPERS = Path(__file__).parents[1] / "helpers"
 KILLED = """
 import sys
 from pathlib import Path

@@ -54,8 +54,9 @@ def _develop(picture: np.ndarray, grain: np.ndarray, state: np.ndarray, noise: f
     )
     work = np.empty((2, width))
     lower, starts = _CODES
+    # a whole number would be another type, for which numba compiles `develop` again and changes its kept machine code
     develop(
-        light, given, state, noise=noise * 0.18 / 0.4, falloff=falloff, shoulder=SHOULDER,
+        light, given, state, noise=noise * 0.18 / 0.4, falloff=float(falloff), shoulder=SHOULDER,
         lower=lower, starts=starts, work=work, coded=codes,
     )  # fmt: skip
     return coded

@@ -22,7 +22,6 @@ from toolkit.rooms.worlds.daylight import (
 from toolkit.rooms.worlds.sky import Sky, find_directions, make_sky
 
 HEIGHT = 96
-CLEAR_NOON = TimeOfDay(60.0, 50.0, cloud_cover=0.0)
 
 
 def integrate(panorama: np.ndarray) -> float:
