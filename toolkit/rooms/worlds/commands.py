@@ -41,6 +41,7 @@ def list_worlds(
     space = open_workspace(workspace)
     own = list_own_worlds(space)
     rows, skipped = [describe_studio()], []
+    # a name in the workspace hides the built-in world of that name
     names = [*(name for name in WORLDS if name not in own), *own]
     # a damaged world of the user's does not hide the others
     with progress("worlds", len(names)) as bar:
@@ -71,6 +72,7 @@ def describe_world(world: "World", file: Path | None) -> dict[str, Any]:
 
     from toolkit.rooms.worlds.world import SceneClass
 
+    # the surroundings outside the core are seen from afar only, so they do not count
     across = np.ptp(world.core, axis=0)
     return {
         "name": world.name, "file": None if file is None else str(file), "seed": world.seed,
@@ -154,6 +156,7 @@ def export(
     item.check()
     opened = open_world(space, world, seed, scale)
     mesh, title = opened.mesh, opened.name
+    # the sky plays no part in an export: the smallest will do
     if item.object_name is not None:
         stands = stand_object(space, opened, item, make_sky("noon", height_px=16), seed)
         mesh, title = merge_meshes([mesh, stands.in_world]), f"{title}-{item.title}"
@@ -206,6 +209,7 @@ def show_world(done: "WorldRun") -> None:
     for line in describe_weathers(done.results.weathers):
         say(line)
     cameras = summary["cameras"][-1]
+    # the summary counts cameras by reason, as "left out: REASON"
     left_out = ", ".join(f"{count} {key.partition(': ')[2]}" for key, count in cameras.items() if "left out" in key)
     say(
         f"{cameras['points']} points of the grid: {cameras['standing']} can hold a camera"

@@ -103,6 +103,7 @@ def landing_pad(r: float, looks: Looks) -> Piece:
     """A pad of radius r with the helicopter H on a raised square deck, its lamps along the edge."""
     marks = pad_marks(looks)
     # the raised square, with lamps along its edge
+    # four lamps on each side, none in a corner
     top = np.array([[(-r, -r, 0.25), (r, -r, 0.25), (r, r, 0.25), (-r, r, 0.25)]])
     edge = looks.plain((150, 150, 146))
     side = np.linspace(-r, r, 5)[:-1] + r / 4
@@ -144,6 +145,7 @@ def fan(rng: Rng) -> np.ndarray:
 
 def air_conditioner(looks: Looks, rng: Rng) -> Piece:
     """A rooftop unit with fans on top, on a frame."""
+    # the body stands on two beams, with two fans side by side on its top
     w, d, h = rng.uniform(1.3, 2.2), rng.uniform(0.9, 1.5), rng.uniform(0.9, 1.5)
     blades = fan(looks)
     low, high = np.array([[-w / 2, -d / 2, 0.3]]), np.array([[w / 2, d / 2, 0.3 + h]])
@@ -229,6 +231,7 @@ def aerial(looks: Looks, rng: Rng) -> Piece:
     """A mast with a television aerial's rods."""
     metal, h = looks.plain((150, 152, 154)), rng.uniform(2.5, 5.0)
     rods = np.linspace(-0.7, 0.7, 6)
+    # the rods are longest in the middle
     start = np.array([(x, -0.35 + 0.1 * abs(x), h - 0.3) for x in rods])
     return kit.merge(
         kit.bars([0, 0, 0], [0, 0, h], 0.06, metal, ROOF),
@@ -291,6 +294,7 @@ def _finish(lot: Lot, walls: Piece, height: float, skins: tuple[Skin, Skin], loo
 
 def _party_wall(width: float, height: float, skin: Skin, looks: Looks, rng: Rng) -> Piece:
     bare = kit.wall_quads((0, 0, width, height), 0.0, skin, BUILDING)
+    # a blank wall between neighbours; some wide and high ones bear a painted advertisement
     if width < 11 or height < 11 or rng.random() > 0.45:
         return bare
     picture, middle = billboard_skin(int(rng.integers(6)), looks), width / 2
@@ -304,11 +308,14 @@ def _party_wall(width: float, height: float, skin: Skin, looks: Looks, rng: Rng)
 
 def _entrance(x: float, looks: Looks, trim: Skin, rng: Rng) -> Piece:
     """A front door with steps and a surround, standing out from the wall about x."""
+    # each step begins 30 cm nearer to the wall than the step below it
     wood = looks.plain(rng.pick(((92, 30, 26), (28, 52, 40), (40, 34, 30), (24, 40, 76), (96, 62, 36))), "gloss")
     steps = np.array([(x - 0.9 - 0.1 * k, -1.2 + 0.3 * k - 0.12, 0.17 * k) for k in range(3)])
     tops = np.array([(x + 0.9 + 0.1 * k, 0.0, 0.17 * (k + 1)) for k in range(3)])
+    # a post on either side of the door and a lintel over both
     low = [(x - 0.85, -0.2, 0.5), (x + 0.6, -0.2, 0.5), (x - 0.95, -0.3, 2.9)]
     high = [(x - 0.6, 0, 2.9), (x + 0.85, 0, 2.9), (x + 0.95, 0, 3.2)]
+    # the door's panels: two columns, two rows
     across = ((x - 0.45, x - 0.08), (x + 0.08, x + 0.45))
     leaves = [(a, c, b, d) for c, d in ((0.65, 1.4), (1.55, 2.35)) for a, b in across]
     return kit.merge(
@@ -460,6 +467,7 @@ def glass_office(lot: Lot, looks: Looks, rng: Rng) -> House:
 
 def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, rng: Rng) -> Piece:
     """Tall glass between stone piers, set back under the house, with a canopy over the doors."""
+    # piers a bay apart, the glass between them set back by half a metre
     count = max(2, round(width / 3.2))
     edges = np.linspace(0, width, count + 1)
     back = 0.5
