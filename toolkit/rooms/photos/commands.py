@@ -153,6 +153,7 @@ def _report_check(report: "CheckReport", folder: Path) -> None:
         warn(f"retake {row.describe()}")
     for gate, reason, count in report.unchecked:
         remark(f"{gate} not checked in {count_of(count, 'photograph')}: {reason}")
+    # retakes without a path are photographs that are missing
     passed = len(report.photos) - len({row.path for row in report.retakes if row.path})
     say(f"{passed} of {len(report.photos)} photographs pass every gate that was checked")
     if report.retakes:
@@ -185,6 +186,7 @@ def retexture(
     from toolkit.rooms.photos.retexture import retexture as run_retexture
 
     space = open_workspace(workspace).with_patches(patches)
+    # the check predicts known photographs, and writes none
     if check:
         _check_retexture(space, photos, config, networks, as_json)
         return
@@ -307,6 +309,7 @@ def serve_session(session: "Session", door: "Listener", load: "Callable[[], Clas
         predictor.start()
         Thread(target=warm_up, args=(session,), daemon=True).start()
         server.run(sockets=[door.listener])
+        # the page is closed: what still runs in the background ends before the summary
         predictor.stop()
         session.inspector.stop()
         show_summary(session)

@@ -145,8 +145,10 @@ def cut_squares(mesh: Mesh, wrap: Wrap, canvas: np.ndarray) -> tuple[Square, ...
 
 def _find_on_surface(mesh: Mesh, piece: FlatPiece, places_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n, 3) points of the object, and its normals there, for places (n, 2) on a flat piece."""
+    # edges of each flat triangle, for its barycentric coordinates
     corners = mesh.vertices[mesh.faces[piece.faces]].astype(np.float64)
     sides = piece.flat_mm[:, 1:] - piece.flat_mm[:, :1]
+    # triangles without area have no inverse
     solid = np.abs(np.linalg.det(sides)) > 1e-9
     corners, origin, back = corners[solid], piece.flat_mm[solid, 0], np.linalg.inv(sides[solid])
     points, normals = np.zeros((2, len(places_mm), 3))

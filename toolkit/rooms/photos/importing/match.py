@@ -122,6 +122,7 @@ def _decide_by_claims(
             "order": why or "its place in the order is not known",
         }
         return Doubt(reasons[how])
+    # evidence that contradicts itself is a doubt, however many agree
     if len(poses) > 1:
         said = join_words(f"its {what} says pose {pose}" for what, pose in claims.items())
         return Doubt(said, tuple(CaptureKey(*group, pose) for pose in poses))
@@ -168,6 +169,7 @@ class RenderMatcher:
                 )
             except ToolkitError as error:
                 self._made[group] = str(error)
+        # an error is kept as well, so that it is found out once
         templates = self._made[group]
         if isinstance(templates, str):
             return templates
@@ -183,6 +185,7 @@ class RenderMatcher:
         if isinstance(found, str):
             return Doubt(f"{why}, and no render can be made: {found}")
         best = CaptureKey(*group, found.pose_id)
+        # two poses that look alike: a person decides
         if not found.ambiguous:
             return Decision(best, "render")
         if found.runner_up is None:

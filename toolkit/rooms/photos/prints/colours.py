@@ -100,11 +100,13 @@ def read_colours(
         ToolkitError: there is no white, or too little of the patch shows and is not over-exposed.
     """
     # pixels of the patch that show and are not over-exposed
+    # colours need fewer pixels than a place does
     scale = min(1.0, COLOUR_PX / sighting.warp.side_px)
     small, warp = shrink_image(image, scale), sighting.warp.scaled(scale)
     drawn = draw_patch(np.zeros((8, 8, 1), np.float32), warp, small.shape)
     if drawn is None:
         raise ToolkitError("the patch lies outside of the photo")
+    # only where the picture agrees with the file: a finger or glare is no ink
     cell = (np.clip(drawn.uv, 0, 0.999) * len(sighting.agreement)).astype(int)
     shows = sighting.agreement[cell[..., 1], cell[..., 0]] >= CELL_SHOWS
     rows, columns = np.nonzero(drawn.inside & shows & (drawn.cut(small) < CLIPPED).all(axis=2))
