@@ -175,9 +175,11 @@ def _margin_white(photo: np.ndarray, warp: PatchWarp, width: float, brightest: n
     at = warp.to_pixels(uv)
     inside = ((at >= 0.5) & (at <= np.array(photo.shape[1::-1]) - 0.5)).all(axis=1)
     seen = sample_image(photo, at[:, None])[:, 0]
+    # in the picture, and not over-exposed
     good = inside & (seen < CLIPPED).all(axis=1)
     if good.sum() < len(uv) / 3:
         return None
+    # darker than the patch's own brightest colours: it is no paper, but the table
     fit = _fit_paper(srgb_to_linear(seen[good] / 255.0).astype(float), uv[good])
     return None if fit is None or (fit[2] < LEAST_WHITE * brightest).any() else fit
 
@@ -282,6 +284,7 @@ def solve_cube(weights: sparse.csr_matrix, seen: np.ndarray, trust: np.ndarray) 
     cost = np.zeros((m + usual.shape[1],) * 2)
     cost[-m:, -m:] = SMOOTHNESS * bending(round(m ** (1 / 3))) + SMALLNESS * np.eye(m)
     cost += TINY * np.eye(len(cost))
+    # robust least squares: texels that miss the fit weigh less in the next round
     weight = trust.astype(float)
     for _ in range(ROUNDS):
         weighted = columns.multiply(weight[:, None]).tocsr()
