@@ -135,8 +135,8 @@ def _load(library: ModuleType, folder: Path, model: str, is_encoder: bool) -> tu
 
 
 def _read_labels(named: Mapping[Any, str], model: str) -> list[str]:
-    # keys are numbers as text: as text they would sort 10 before 2
     """Return the names of the classes; ImageNet's own names if they are its 1000 in order, with synonyms."""
+    # keys are numbers as text: as text they would sort 10 before 2
     labels = [str(named[key]) for key in sorted(named, key=int)]
     if len(labels) < 2:
         raise FieldError(f"has {len(labels)} outputs: expected a classifier of at least two classes", {"model": model})

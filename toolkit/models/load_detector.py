@@ -193,9 +193,9 @@ class TorchvisionDetector:
             if isinstance(layer, nn.BatchNorm2d | nn.Dropout):
                 layer.eval()  # the network stays as it is
         try:
+            # a training pass for each image, with the object as the only box
             for k in range(len(batch)):
                 target = {
-                    # a training pass for each image, with the object as the only box
                     "boxes": boxes[k : k + 1].to(batch),
                     "labels": torch.tensor([class_index], device=batch.device),
                 }

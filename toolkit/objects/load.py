@@ -170,6 +170,7 @@ def _read_parts(path: Path) -> list[MeshPart]:
     count = 0
     try:
         for part in READERS[path.suffix.lower()](path):
+            # counted while they are read, before the whole is in memory
             count += len(part.faces)
             check_faces(path, count)
             parts.append(part)

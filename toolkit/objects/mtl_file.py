@@ -153,11 +153,13 @@ def _read_picture(material: ObjMaterial, rest: str) -> PictureMap | None:
 def _split_options(rest: str) -> tuple[dict[str, list[str]], str]:
     """Split options with their values from the picture's name, which may hold spaces."""
     options: dict[str, list[str]] = {}
+    # the last word is the name, even if it looks like an option
     while match := re.match(r"(-[A-Za-z]+) +(?=\S)", rest):
         key = match[1].lower()
         rest = rest[match.end() :]
         values = options.setdefault(key, [])
         values.clear()
+        # an option has up to as many values as its kind allows
         while len(values) < OPTIONS.get(key, 0) and (value := re.match(r"(\S+) +(?=\S)", rest)):
             if key in VECTORS and not _numbers([value[1]]):
                 break
@@ -192,6 +194,7 @@ def find_libraries(obj: Path, text: str) -> tuple[list[Path], list[str]]:
     missing: list[str] = []
     for line in re.findall(r"^ *mtllib +(.*?) *$", text, re.MULTILINE):
         names = [line.strip('"')]
+        # a name with spaces that is a file is a single name
         with suppress(ToolkitError):
             names = names if find_named(obj.parent, names[0]) is not None else names[0].split()
         for name in names:

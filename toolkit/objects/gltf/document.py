@@ -89,6 +89,7 @@ class Document:
         """Return the content of a URI or its file; a `ToolkitError` for a missing file or one outside the folder."""
         if not isinstance(uri, str):
             raise DamagedGltf("a URI is no text")
+        # content within the URI, or a file beside the glTF
         if uri.startswith("data:"):
             head, _, body = uri.partition(",")
             try:
@@ -145,6 +146,7 @@ def read_document(path: Path) -> Document:
         raise explain_read_error(path, error) from None
     if is_binary and content[4:8] == GLB_1:
         _refuse_version(path, "1.0")
+    # a GLB has its JSON in the first chunk
     text, binary = _split(content) if is_binary else (content, b"")
     if len(text) > MOST_TEXT_BYTES:
         raise ToolkitError(f"{path}: over {MOST_TEXT_BYTES >> 20} MB of text: export it as .glb")
@@ -154,6 +156,7 @@ def read_document(path: Path) -> Document:
         refuse(path)
     if not isinstance(tree, dict):
         refuse(path)
+    # without a version it is read as 2.0
     asset = tree.get("asset")
     version = str(asset.get("version", "2.0")) if isinstance(asset, dict) else "2.0"
     if not version.startswith("2"):

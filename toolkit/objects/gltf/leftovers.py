@@ -97,6 +97,7 @@ def _find_in_material(material: dict[str, Any]) -> Iterator[str]:
         for key in known:
             if isinstance(slots.get(key), dict):
                 yield from (_left_out(f"{key}.{other}") for other in sorted(set(slots[key]) - set(SLOT)))
+    # gloss pictures count as their mean, as the rig has a roughness for each material
     look = read_look(material)
     if look.gloss is not None:
         what = "specularGlossinessTexture" if look.is_specular else "metallicRoughnessTexture"
@@ -116,6 +117,7 @@ def _find_in_primitive(primitive: dict[str, Any]) -> Iterator[str]:
         return
     named = primitive.get("attributes")
     named = named if isinstance(named, dict) else {}
+    # normals and tangents are computed again from the faces
     yield from (_left_out(name) for name in sorted(named) if not is_read(name) and name not in ("NORMAL", "TANGENT"))
     for target in rows(primitive, "targets"):
         changed = [name for name in sorted(target) if name not in ("NORMAL", "TANGENT")]

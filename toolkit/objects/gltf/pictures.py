@@ -69,6 +69,7 @@ class Pictures:
         if key not in self._decoded:
             picture = self._decode(texture, with_alpha)
             sampler = self.document.row("samplers", texture["sampler"]) if "sampler" in texture else {}
+            # a sampler without blending: texels are enlarged, as the rig blends between them
             if sampler.get("magFilter") == NEAREST and (times := SHARP_PX // int(picture.size.max())) > 1:
                 picture = picture.pick(lambda texels: texels.repeat(times, axis=0).repeat(times, axis=1))
             wraps = (sampler.get("wrapS", REPEAT), sampler.get("wrapT", REPEAT))
@@ -91,6 +92,7 @@ class Pictures:
                 f"{self.document.path}: a texture names no picture that toolkit reads"
                 f"{f' (it has {others})' if others else ''}: save its pictures as PNG or JPEG"
             )
+        # a later source is tried if an earlier does not decode
         for source in sources[:-1]:
             try:
                 return self._load(source, with_alpha)
@@ -121,6 +123,7 @@ def picture_sources(texture: dict[str, Any]) -> list[Any]:
 
 def texture_coordinates(slot: dict[str, Any], sets: dict[int, np.ndarray]) -> np.ndarray | str:
     """(n, 2) texture coordinates of a material's slot, v down; else why there are none."""
+    # the transform may name another set of coordinates
     moved = extension(slot, TRANSFORM) or {}
     wanted = moved.get("texCoord", slot.get("texCoord", 0))
     uv = sets.get(wanted)
@@ -131,6 +134,7 @@ def texture_coordinates(slot: dict[str, Any], sets: dict[int, np.ndarray]) -> np
     uv = uv if uv.dtype.kind == "f" else uv.astype(np.float64)  # integers that a transform scales
     if not {"offset", "rotation", "scale"} & set(moved):
         return uv
+    # scale, then turn, then shift, in glTF's direction of v
     cosine, sine = np.cos(moved.get("rotation", 0.0)), np.sin(moved.get("rotation", 0.0))
     scaled = uv.astype(np.float64) * np.array(moved.get("scale", (1, 1)), float)
     turned = scaled @ np.array([[cosine, sine], [-sine, cosine]]).T
