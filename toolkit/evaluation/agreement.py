@@ -180,6 +180,7 @@ def compare_renderers(predictions: Sequence[Prediction]) -> list[RendererAgreeme
     Images are the same if object, variant, pose, camera, booster and all settings but those of the renderer agree.
     Sources are compared under the same corruption alone.
     """
+    # images by what they show: object, variant and pose
     by_source: dict[str, Images] = defaultdict(dict)
     for prediction in predictions:
         capture = prediction.capture
@@ -197,6 +198,7 @@ def compare_renderers(predictions: Sequence[Prediction]) -> list[RendererAgreeme
     for base in order:
         if base in placed:
             continue
+        # a source joins if its renderer is new to the family and an image is the same by its manifest
         family = [base]
         for other in order:
             if all(renderers[other] != renderers[one] for one in family) and any(
@@ -242,8 +244,11 @@ def _is_same(one: Prediction, other: Prediction) -> bool:
 
 def add_colours(found: RendererAgreement, workspace: Workspace) -> RendererAgreement:
     """Return the same agreement with colours of object pixels compared; corrupted images are left out."""
+    # corrupted images differ in more than the renderer
     keys = [key for key, image in found.images[0].items() if image.capture.corruption is None]
+    # boosters may be dark or bright: the unmodified object compares renderers best
     bare = [key for key in keys if key[1] == UNPATCHED] or keys
+    # images spread evenly over the list
     chosen = (
         [bare[at] for at in np.unique(np.linspace(0, len(bare) - 1, MOST_COLOURS).round().astype(int))] if bare else []
     )
@@ -252,6 +257,7 @@ def add_colours(found: RendererAgreement, workspace: Workspace) -> RendererAgree
         masks, _ = outline_captures(shown, workspace)
     except ToolkitError:
         masks = {}  # objects whose shape is gone, which answers do not need
+    # only the object's pixels: its outline comes from mesh and camera
     outlined = [(key, masks[one.path].mask) for key, one in zip(chosen, shown, strict=True) if one.path in masks]
     labs = [[_read_lab(own[key].capture, mask) for key, mask in outlined] for own in found.images]
     return replace(found, colours=tuple(_compare_colours(one, other) for one, other in combinations(labs, 2)))

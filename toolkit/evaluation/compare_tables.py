@@ -227,6 +227,7 @@ def _match_labels(table: AnswerTable) -> AnswerTable:
 
 def _has_two_spellings(table: AnswerTable) -> bool:
     """Whether labels differ only in case, blanks, - or _, as ImageNet's dog 'Cardigan' and jacket 'cardigan' do."""
+    # spellings of each label, in the truths and in the predictions
     spellings: dict[str, tuple[set[str], set[str]]] = {}
     for answer in table.answers.values():
         for column, label in enumerate((answer.truth, answer.guess)):
@@ -245,6 +246,7 @@ def _has_two_spellings(table: AnswerTable) -> bool:
 def _check_counting(file: Path, answers: dict[str, Answer]) -> None:
     """Refuse labels that agree much better if one column counts from 1 and the other from 0."""
     numbers = [(spell(answer.truth), spell(answer.guess), answer.is_right) for answer in answers.values()]
+    # only if every label is a whole number
     whole = [(int(truth), int(guess), is_right) for truth, guess, is_right in numbers if _are_whole(truth, guess)]
     if not whole or len(whole) < len(numbers):
         return

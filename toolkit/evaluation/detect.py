@@ -235,6 +235,7 @@ def evaluate_detector(
     # images, classes and true boxes
     folder = read_captures(captures_dir, config.selection, trust_files=config.trust_files)
     folder = add_corrupted(folder, config.corruptions)
+    # objects that the detector does not know are left out with a note
     classes, notes = _find_classes(folder.objects, workspace, detector)
     wanted = [capture for capture in folder.captures if capture.object in classes]
     # a corrupted image has the box of its source: boxes do not move
@@ -251,12 +252,14 @@ def evaluate_detector(
     against_none = compare_unpatched(pair_with_unpatched(poses))
     pairs = (*against_none, *compare_controls(poses))
     groups = tuple(group_detections(images))
+    # images that could not be read, and images without a true box
     failed = [(image.capture.path, image.status) for image in images if image.seen is None]
     # the run folder
     table = encode_detections(predictions)
     name = config.run or name_run(detector, [capture.source for capture in wanted if capture.corruption is None])
     wanted_dir = workspace.eval_dir / name
     run_dir = find_run_dir(wanted_dir, lacks_other_table(DETECTIONS, table), config.replace)
+    # the same table in the folder means the same result
     training = find_training(wanted, workspace, detector.weights.sha256, hash_network_tensors(detector))
     notes = (*folder.notes, *notes, *describe_unseen(detector.name, training))
     notes = (*notes, *describe_lost(detector.name, _pool(pairs), training), *explain_pooling(pairs))
@@ -287,6 +290,7 @@ def _find_classes(
     for name in objects:
         try:
             spelling = read_spec(specs[name]).class_name if name in specs else name
+            # the class stands in the spec; without a spec the folder's name is the class
             classes[name] = detector_class(detector, spelling)
         except ToolkitError as error:
             reasons.append(f"'{name}' left out: {detector.name} does not know its class: {error}")
@@ -358,6 +362,7 @@ def write_detection_report(path: Path, run: DetectionRun, detector: Detector) ->
     flipped = {image.capture.path for some in mixed for image in some}
 
     def rank(image: DetectedImage) -> tuple[object, ...]:
+        # changed pairs first, then by source, object and pose
         shot = image.capture
         number = -1 if shot.pose_id is None else shot.pose_id
         return shot.path not in flipped, shot.source, shot.object, number, rank_variant(shot.variant)

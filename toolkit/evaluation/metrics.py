@@ -121,6 +121,7 @@ class ClusterBootstrap:
         found = self.shares(values, among)
         if np.isnan(found[0]):
             return None, None
+        # without a spread the interval would be a point, which claims too much
         clusters = len(np.unique(self.cluster_of if among is None else self.cluster_of[among]))
         mean, interval = float(found[0]), percentile_interval(found[1:]) if clusters > 1 else None
         if interval and interval[0] == interval[1]:
@@ -413,6 +414,7 @@ def explain_pooling(rows: Sequence[Comparison]) -> list[str]:
         if row.object != POOLED:
             counts[row.source, row.first, row.second][row.object] = len(row.pairs)
     lines = []
+    # pooled rows count pairs, so objects with more pairs count more
     for (source, first, second), own in counts.items():
         fewest, most = min(own, key=lambda name: own[name]), max(own, key=lambda name: own[name])
         if own[fewest] < own[most]:
@@ -446,6 +448,7 @@ def explain_unpaired(predictions: Sequence[Prediction], poses: Poses, paired: Pa
     """
     known = {id(prediction) for pairs in paired.values() for pair in pairs for prediction in (pair.first, pair.second)}
     left = [prediction for prediction in predictions if prediction.is_read and id(prediction) not in known]
+    # possible partners: the other side, unmodified or modified, of the same pose
     partners: dict[tuple[tuple[str, str], bool, int], list[Prediction]] = defaultdict(list)
     for key, variants in poses.items() if left else ():
         for name, own in variants.items():
@@ -454,6 +457,7 @@ def explain_unpaired(predictions: Sequence[Prediction], poses: Poses, paired: Pa
     unpaired = []
     for prediction in left:
         capture, key = prediction.capture, (prediction.capture.source, prediction.capture.object)
+        # an object in a single variant was not meant to be paired
         if len(poses[key]) == 1:
             continue
         is_unpatched = capture.variant == UNPATCHED

@@ -181,6 +181,7 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
         with open_plain(file) as stream:
             text = io.StringIO(stream.read().decode("utf-8"), newline="")
         lines = csv.reader(text, strict=True)
+        # older files may lack columns that are not needed
         names = next(lines, [])
         needed = DETECTION_COLUMNS if run.kind == "detection" else NEEDED
         missing = [name for name in needed if name not in names]
@@ -211,6 +212,7 @@ def _within(root: Path) -> Find:
                 there, kind = look(head)
                 folders[head] = there, _list_kinds(there) if kind == FOLDER else {}
             folder, kinds = folders[head]
+            # a link, or a path that is not plain, goes through the full check
             if kinds.get(name) != LINK:
                 return folder / name, kinds.get(name, "")
         place = inside(root, path)
@@ -253,6 +255,7 @@ def _read_line(line: dict[str, str], find: Find, sources: Mapping[str, str]) -> 
     )
     if "found" in line:
         return make_detected(capture, line["true_label"], read_detection(line), line["status"])
+    # -1 where the truth is not known
     true_index = _read_number(line["true_index"], -1)
     if line["status"] != OK:
         return Prediction(capture, true_index, line["true_label"], status=line["status"])

@@ -78,6 +78,7 @@ def find_training(
         weights_sha256: hash of the evaluated network's file.
         tensors_sha256: hash of its weights, see `toolkit.models.identity`; None if it is not known.
     """
+    # each booster once, whatever the number of its images
     worn = dict.fromkeys(
         (capture.source, capture.object, capture.variant, capture.booster_sha256)
         for capture in captures
@@ -116,6 +117,7 @@ def describe_other_classes(training: Sequence[Training], true_labels: Mapping[st
 
 def _read_records(workspace: Workspace) -> Iterator[tuple[str, str, str, Sequence[NetworkRecord]]]:
     """Yield hash, name, class and networks of each booster; broken records are reported when they are used."""
+    # records of all sets of patches, since a manifest names a booster by hash alone
     pngs: list[tuple[Path, type[BoosterRecord]]] = [(png, TextureRecord) for png in workspace.textures().values()]
     for patch_set in (None, *workspace.patch_sets()):
         pngs += [(png, PatchRecord) for png in workspace.with_patches(patch_set).patches().values()]
@@ -148,6 +150,7 @@ def describe_unseen(network: str, training: Sequence[Training]) -> list[str]:
         names = dict.fromkeys(booster.object for booster in some)
         archs = dict.fromkeys(trained.arch for booster in some for trained in booster.networks)
         whose = ", ".join(names) if len(names) <= MOST_NAMED else f"{len(names)} objects"
+        # networks of the same name with other weights are told apart
         on = join_words(archs) or "no network"
         if network in archs:
             on += " with other weights"
@@ -207,6 +210,7 @@ def compare_predictions(
     poses = index_poses(predictions)
     groups, paired = group_predictions(predictions), pair_with_unpatched(poses)
     pairs, comparisons = compare_unpatched(paired), compare_controls(poses)
+    # rendered sources and photographs of the same poses, if there are both
     sim_real = compare_sim_real(predictions)
     renderers = compare_renderers(predictions)
     headlines = write_headlines(network, groups, [*pairs, *comparisons]) + write_sim_real(network, sim_real)

@@ -56,8 +56,8 @@ def _cut(document: Document, place: dict[str, Any], shape: tuple[int, int], dtyp
     return np.ascontiguousarray(rows).view(dtype)
 
 
-# sparse accessors replace some rows of others
 def _replace(document: Document, values: np.ndarray, sparse: dict[str, Any], name: str) -> np.ndarray:
+    # a sparse accessor states indices, and the values of these rows
     count = sparse.get("count", 0)
     where, what = sparse.get("indices"), sparse.get("values")
     if not isinstance(count, int) or not isinstance(where, dict) or not isinstance(what, dict) or count < 0:

@@ -193,7 +193,7 @@ class _Triangles:
 
     def add_free(self, kinds: tuple[int, int, int], has_numbers: bool) -> None:
         """Add three vertices: new, recent, or with `has_numbers` coded by their number."""
-        # whose index stands in full in the data
+        # vertices whose index stands in full in the data
         is_told = [has_numbers and kind == 15 for kind in kinds]
         triangle = [
             self._take_next() if kind == 0 else 0 if told else self._vertices[self._vertex - kind & 15]
