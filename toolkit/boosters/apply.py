@@ -45,6 +45,7 @@ def apply_patch(
         return images
     ranges = AffineRanges() if placement is None else placement
     (height, width), n = images.shape[-2:], patch.shape[-1]
+    # placements are drawn in the central square, then moved with it
     T_image_patch = _draw_placements(ranges, seed, len(images), n, min(height, width))
     # moves x and y by a multiple of w: right for projective placements as well
     T_image_patch[:, 0] += (width - min(height, width)) / 2 * T_image_patch[:, 2]

@@ -84,6 +84,7 @@ class BoosterTask(PixelTask[Trained]):
             figures: for `final`, after the last losses.
             shares: what the networks said, by where they were asked, for `final` as well.
         """
+        # losses are averaged over the last steps, as a single step is noisy
         final = history.recent(self.recent) | dict(figures)
         for where, validations in shares.items():
             final |= list_shares(list(validations), where)
@@ -204,6 +205,7 @@ def _draw_photos(
         if picture.width != side_px:
             picture = picture.resize((side_px, side_px), Image.Resampling.LANCZOS)
         sheet.paste(picture, corner)
+        # green for the class, red for any other answer
         best = int(chance.argmax())
         colour = RIGHT if best == target.class_index else WRONG
         caption = _shorten(target.classifier.labels[best], f" {float(chance[best]):.0%}", side_px)

@@ -233,11 +233,13 @@ def _render_views(
             needs = "{weather} and {world} need the object itself: add {sources} rig, {mounted_share} above 0"
             raise FieldError(needs, {})
         return None, None
+    # views of the object are shared out with flat placements, and need an object
     if rig_source is None:
         found = {"mounted_share": config.mounted_share}
         raise FieldError("needs the object in the rig: add {sources} rig, or set it to 0", found)
     # the object, with sheets of the size at which the patch is printed
     object_name = choose_object(workspace, rig_source, class_names)
+    # in a world the object has its real size, and cameras look from lower down
     ranges, setting, seen = ViewRanges(fill=config.mounted_fill), config.open_world(workspace), None
     item = load_object(workspace.object_spec(object_name))
     spec = item.spec if config.size_mm is None else item.spec.with_patch_size(config.size_mm)
@@ -285,6 +287,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
         self.config, self._data, self._seen_world = config, data, seen_world
         self.title = f"Training {targets[0].label}"
         self._appearance, self._penalty = config.appearance(), config.penalty()
+        # all images lie on the device: a step only cuts them
         self._images = stack_on_device(data.train, self._device)
         self._views: MountedViews | None = None
         self._held_out_views: MountedViews | None = None
@@ -400,6 +403,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
         size = f"{config.size_px} x {config.size_px} px, {config.steps} steps, seed {config.seed}"
         lines = [size, *answers[:3], "Below: training images, new placements, the network's first answer"]
         with torch.inference_mode():
+            # new placements, drawn apart from those of the training
             images = self._images[: COLUMNS * ROWS]
             which = torch.arange(COLUMNS * ROWS, device=images.device) % len(images)
             centres = cut_centres(images, self.image_px)[which]

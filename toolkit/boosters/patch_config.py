@@ -170,6 +170,7 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
         base = base.model_copy(update={"mounted_fill": WORLD_FILL})
     if fitted.get("mounted_share") is None and data.rig_source is None:
         fitted["mounted_share"] = 0.0
+    # poses draw a sheet of millimetres, so they must know its printed size
     pose_acts = fitted.get("pose", base.pose) not in (None, False)
     # the spec's sizes are hints, not settings: what was asked for goes before them
     spec_mm, spec_length_mm = fitted.pop("spec.size_mm", None), fitted.pop("spec.length_mm", None)
@@ -197,6 +198,7 @@ def limit_renders(config: PatchConfig, data: DataConfig) -> tuple[PatchConfig, D
     """
     if config.steps is None:
         return config, data
+    # what the steps can show, and a fifth more to hold out
     shown = config.steps * config.batch
     views = max(LEAST_RENDERS, math.ceil(SPARE * shown * config.mounted_share))
     images = max(LEAST_RENDERS, math.ceil(SPARE * shown * (1 - config.mounted_share)))

@@ -203,8 +203,8 @@ class ContactSheet:
 
 
 def lay_out(predictions: Sequence[Prediction], max_pictures: int = MAX_PICTURES) -> tuple[list[ContactSheet], int]:
-    # a sheet for each source and object
     """Return contact sheets by source and object, thinned to `max_pictures`, and the number of hidden objects."""
+    # a sheet for each source and object
     members: dict[tuple[str, str], list[Prediction]] = defaultdict(list)
     for prediction in predictions:
         members[(prediction.capture.source, prediction.capture.object)].append(prediction)
