@@ -113,6 +113,7 @@ def _prepare_glow(mesh: Mesh) -> Glow:
 
 def light_mesh(mesh: Mesh, paint: PackedPaint, light: BakedLight, stand: Stand) -> LitMesh:
     """A mesh with paint and light on it, ready for the kernel; it gives off none itself, see `with_lamps`."""
+    # columns as the kernel reads them: corners, material, texel density and where the light of a face is stored
     materials, faces = mesh.materials, np.empty(len(mesh.faces), FACE)
     faces["a"], faces["b"], faces["c"] = mesh.faces.T
     faces["material"], faces["density"] = mesh.face_material, paint.density
@@ -121,11 +122,13 @@ def light_mesh(mesh: Mesh, paint: PackedPaint, light: BakedLight, stand: Stand) 
     # files may hold NaN, which a kernel without checks must never meet
     corners[:, :3], corners[:, 3:] = np.nan_to_num(mesh.normals), np.nan_to_num(mesh.uv).clip(-1e6, 1e6)
     return LitMesh(
+        # looks of each material, by its number
         faces=faces, corners=corners, texture=paint.texture,
         roughness=np.array([m.roughness for m in materials], np.float32),
         metallic=np.array([m.metallic for m in materials], np.float32),
         finely=np.array([bool(m.sheet) for m in materials]),
         left_out=np.zeros(len(materials), bool), texels=paint.texels,
+        # no lamp is lit until `with_lamps` says so
         glow=np.full(len(materials), -1, np.int32), glow_lod=np.zeros(len(materials), np.float32),
         glow_texels=kept(pack_one, NO_PICTURE),
         stored=light.stored, turn=as_rotation(stand.turn), place=as_triple(stand.place),

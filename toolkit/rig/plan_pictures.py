@@ -73,6 +73,7 @@ def draw_contact_sheet(
         left, top = i % columns * small.width, i // columns * small.height
         sheet.paste(Image.fromarray(tile), (left, top))
         label = f"{pose.id}: azimuth {pose.azimuth_deg:.0f}°, elevation {pose.elevation_deg:.0f}°"
+        # on white, as the picture behind may be dark
         box = draw.textbbox((left + 6, top + 4), label, font=font)
         draw.rectangle((box[0] - 3, box[1] - 2, box[2] + 3, box[3] + 2), fill="white")
         draw.text((left + 6, top + 4), label, font=font, fill="black")
@@ -83,6 +84,7 @@ def draw_pieces(item: TableObject, wrap: Wrap, studio: Scene) -> bytes:
     """PNG of an object with its pieces in colours, numbered from the best, from six sides."""
     camera = Camera.from_fov(640, 480, 40.0)
     target = (0.0, 0.0, float(item.mesh.size_mm[2]) / 2)
+    # from so far away that the object fills nine tenths of the picture
     poses = [
         Pose(
             id=number, azimuth_deg=azimuth, elevation_deg=elevation, target_mm=target,
@@ -92,6 +94,7 @@ def draw_pieces(item: TableObject, wrap: Wrap, studio: Scene) -> bytes:
         )
         for number, (azimuth, elevation) in enumerate(SIDES, 1)
     ]  # fmt: skip
+    # worn as a wrap is, with a canvas of colours in place of its picture
     mesh = dress_mesh(item.mesh, wrap, _colour_pieces(wrap))
     return draw_contact_sheet(replace(item, mesh=mesh), camera, poses, studio, columns=3, tile_px=480)
 
@@ -120,10 +123,12 @@ def _colour_pieces(wrap: Wrap) -> np.ndarray:
         # neighbours in the list lie a golden section of the colour circle apart
         shade = hsv_to_rgb(number * 0.618 % 1, 0.55 + 0.2 * (number % 2), 0.85)
         colour = (round(255 * shade[0]), round(255 * shade[1]), round(255 * shade[2]))
+        # from the piece's own millimetres to its place on the canvas
         origin = np.array(at.origin_px) * wrap.record.texel_mm
         outline = piece.outline()
         for k, ring in enumerate([outline.exterior, *outline.interiors]):
             points = [tuple(point) for point in _flip((np.array(ring.coords) + origin) * scale)]
+            # the outline is filled, the rings of holes are only drawn
             if k == 0:
                 bleed = max(2, round(wrap.record.bleed_px * wrap.record.texel_mm * scale / 2))
                 draw.polygon(points, colour, outline=colour, width=bleed)
