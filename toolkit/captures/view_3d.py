@@ -83,6 +83,7 @@ def gather_view(workspace: Workspace, name: str | None = None, sources: Sequence
     plan = open_plan(workspace, [name] if name else None) if workspace.plan_file.is_file() else None
     if name is None and plan is None:
         raise FieldError("which object? there is no plan yet, so name it with {object_name}", {})
+    # without a name the plan's first object
     item = load_object(workspace.object_spec(name or next(iter(plan.objects))))  # type: ignore[union-attr]
     # planned cameras, as pyramids of the vertical field of view
     frusta = []
@@ -92,6 +93,7 @@ def gather_view(workspace: Workspace, name: str | None = None, sources: Sequence
         poses = plan.objects.get(item.name, ())
         frusta = [Frustum(f"/plan/pose {pose.id}", pose.matrix(), fov, aspect) for pose in poses]
     # images with a known camera
+    # without a source named, all that lie there
     left_out = list[tuple[str, str]]()
     if sources or (workspace.captures_dir.is_dir() and find_files(workspace.captures_dir).images):
         found = read_captures(workspace.captures_dir, Selection(tuple(sources), (), ()))
@@ -130,6 +132,7 @@ def show_view(server: "viser.ViserServer", view: View3d) -> None:
     scene = server.scene
     scene.set_up_direction("+z")
     # distance of the farthest camera, metres, and at least twice the object's longest side
+    # in millimetres; the viewer's scene is in metres
     far = [float(np.linalg.norm(frustum.T_world_camera[:3, 3])) for frustum in view.frusta]
     reach = max([*far, 2 * float(view.item.mesh.size_mm.max())]) / MM_PER_M
     scene.add_grid("/table", width=2 * reach, height=2 * reach, cell_size=reach / 20, section_size=reach / 4)
@@ -138,6 +141,7 @@ def show_view(server: "viser.ViserServer", view: View3d) -> None:
     _add_mesh(scene, "/object", view.item.mesh)
     if view.wrap is not None:
         _add_pieces(scene, view.item, view.wrap)
+    # a group is the images of a source and variant
     groups = list(dict.fromkeys(item.name.rsplit("/", 1)[0] for item in view.frusta if item.capture is not None))
     # cameras in the colour of their group
     for frustum in view.frusta:
