@@ -51,6 +51,7 @@ def print_patches(
     as_json: options.Json = False,
 ) -> None:
     """Make print-ready PDFs at true size: patches, a wrap, the board under the object, tags, or any picture."""
+    # with a path to write to no workspace is needed, but for a board, whose spec is kept in it
     place = open_workspace(workspace, is_needed=out is None or sheet.kind is not None).with_patches(patches)
     # a sheet with a page size of its own is printed alone
     kinds: dict[str, object] = {"tag": own.tag, "picture": own.picture, "wrap": wrap}
@@ -60,6 +61,7 @@ def print_patches(
         raise FieldError(
             "cannot be printed together with others: print it in a call of its own", dict([alone.popitem()])
         )
+    # each kind of sheet has a module of its own, of which one is loaded
     if own.tag is not None or own.picture is not None:
         from toolkit.printing.own import print_picture, print_tags
 
@@ -88,6 +90,7 @@ def print_patches(
 def _report_patches(
     printed: list["PrintedPatch"], failed: list[dict[str, str]], notes: list[str], as_json: bool
 ) -> None:
+    # failures first, so that they are not lost above many lines
     for failure in failed:
         warn(f"not printed: {failure['reason']}", style="red")
     if as_json:
@@ -102,10 +105,12 @@ def _report_patches(
         if any(not sheet.colour_strip for sheet in printed):
             say("note: no room for the colour strip beside the patch: print it with 'toolkit print --colour-strip'")
         if printed:
+            # tiles are joined before they are cut out
             tiled = any(sheet.pages > 1 and sheet.tiles != (1, 1) for sheet in printed)
             tape = "tape" if all(sheet.margin == "white" for sheet in printed) else "stick (with clear tape)"
             cut = f"cut at the corner marks and {tape} the patch on as its arrow shows"
             say(f"next: {', '.join([AT_TRUE_SIZE, *([JOIN] if tiled else []), cut])}")
+    # 2 where nothing was printed, as for bad input
     if failed:
         raise typer.Exit(1 if printed else 2)
 
