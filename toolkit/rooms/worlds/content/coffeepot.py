@@ -33,9 +33,11 @@ def enamel_paint(ground: Colour, specks: Colour, seed: int) -> Callable[[int, in
     def paint(width: int, height: int, px_per_mm: float) -> Image.Image:
         from scipy.ndimage import gaussian_filter
 
+        # white noise, blurred to the size of a speck and without a seam
         noise = gaussian_filter(
             np.random.default_rng(seed).standard_normal((height, width)), 0.45 * px_per_mm, mode="wrap"
         )
+        # only the highest peaks become specks, with a soft edge
         weight = np.clip((noise / max(float(noise.std()), 1e-9) - 1.75) * 4, 0, 1)[..., None]
         colour = np.array(ground) * (1 - weight) + np.array(specks) * weight
         return Image.fromarray(colour.round().astype(np.uint8))
@@ -103,10 +105,12 @@ def _hinge() -> Parts:
 def _spout() -> Parts:
     """A swan-neck that leaves the wall low and wide and ends level with the rim, cut nearly flat, open and hollow."""
     root = _wall_radius(67)
+    # middles of the pipe from inside the wall to the mouth, x outwards and z up, millimetres
     points = [(root - 16, 0, 67), (root + 12, 0, 80), (root + 32, 0, 114), (root + 43, 0, 155), (root + 69, 0, 204)]
     path = smooth_curve(points, 44, monotone=False)
     t = np.linspace(0, 1, len(path))
     stops = [0, 0.12, 0.3, 0.6, 0.9, 1]
+    # half height and half width of the pipe along it: an oval that narrows
     tall, wide = np.interp(t, stops, [38, 31, 21, 14.5, 12, 13.4]), np.interp(t, stops, [25, 22, 17, 12.5, 10.5, 11])
     tangent = np.gradient(path, axis=0)
     turn = np.unwrap(np.arctan2(tangent[:, 2], tangent[:, 0])) + np.pi / 2
@@ -123,10 +127,12 @@ def _spout() -> Parts:
         return path[i] + forward * ahead + ring
 
     last = len(path) - 1
+    # a rounded lip that turns over the mouth, from outside to inside
     lip = [cut(last, 1.1 - 1.9 * np.cos(a), 1.9 * np.sin(a)) for a in np.linspace(-0.5, np.pi + 0.5, 12)]
     return Parts(
         surface(np.stack([cut(i, 0) for i in range(len(path))]), enamel_paint(NAVY, CREAM_SPECKS, seed=3), "enamel"),
         surface(np.stack(lip), TRIM, "trim"),
+        # the inside, as far as one can look down the mouth
         surface(np.stack([cut(i, 2.2) for i in range(last, last - 15, -1)]), TRIM, "trim"),
     )
 

@@ -434,6 +434,7 @@ def decorate(rng: Rng, ground: Colour, *accents: str) -> Paint:
     accent, other = rng.colour(*accents), rng.colour(*accents)
     low, wide = rng.draw(0.15, 0.7), rng.draw(0.06, 0.25)
     kind = rng.pick(("plain", "plain", "band", "bands", "stripes", "dots", "checks", "scatter", "blotches", "dipped"))
+    # makers, as most draw further numbers, which only the chosen kind may do
     makers: dict[str, Callable[[], Paint]] = {
         "plain": lambda: ground,
         "band": lambda: bands([ground, accent, ground], [low, low + wide]),
@@ -457,13 +458,16 @@ def label(
     def paint(wide: int, high: int, px_per_mm: float) -> Image.Image:
         image = Image.new("RGB", (wide, high), ground)
         canvas = ImageDraw.Draw(image)
+        # pictures count downwards, heights upwards
         top, bottom = (1 - height[1]) * high, (1 - height[0]) * high
         tall, half = bottom - top, width * wide / 2
         for centre in centres:
             x = centre * wide
             canvas.rectangle((x - half, top, x + half, bottom), fill=paper)
+            # without a word, or too low for one, the paper stays blank
             if not text or tall < 8:
                 continue
+            # as large as height and width of the paper allow
             size = min(0.4 * tall, 2.6 * half / len(text))
             canvas.text((x, top + 0.34 * tall), text, ink, read_font("sans", max(4, int(size))), anchor="mm")
             # three lines of small print: bars, as letters would be below a texel

@@ -26,10 +26,13 @@ SHIPPED_SHARE = 0.35
 def vary_shipped(name: str, rng: Rng) -> Mesh:
     """A shipped object stretched by 0.8-1.25 per axis, its hues turned or its paint mixed with another colour."""
     mesh = _small_shipped(name)
+    # factors even on a logarithmic scale: as often larger as smaller
     stretch = np.exp(rng.uniform(np.log(0.8), np.log(1.25), 3)).astype(np.float32)
+    # normals go with the inverse of the stretch
     normals = mesh.normals / stretch
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     repainted = _repaint(mesh.materials[0].texture, HUE_TURN_DEG[name], rng)
+    # gloss is varied as well
     materials = tuple(
         replace(
             material, texture=repainted, roughness=float(np.clip(material.roughness * rng.draw(0.7, 1.5), 0.05, 0.95))
