@@ -252,7 +252,7 @@ def judge_ensemble(
         unmodified: all photographs of the object as it is, if `lost_weight` acts.
     """
 
-    # one network, with its own draws of the transforms on its way
+    # a network by itself, with its own draws of the transforms on its way
     def ask(seen: torch.Tensor, number: int) -> tuple[torch.Tensor, float]:
         target = targets[number].folded
 

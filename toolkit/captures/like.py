@@ -91,7 +91,7 @@ def shoot_like(
     members: dict[tuple[str, str], list[MeasuredPhoto]] = defaultdict(list)
     for photo in photos:
         members[(photo.record.object, photo.record.variant)].append(photo)
-    # two photographs may have one name and different suffixes
+    # two photographs may differ in nothing but the suffix
     taken: set[str] = set()
     for (name, variant), own in members.items():
         try:

@@ -523,7 +523,7 @@ def _list_units(
 
 def describe_made(item: TableObject, booster: AppliedBooster | None, settings: ShootSettings) -> dict[str, Any]:
     """What a manifest says of how an image was made: what two images of a pair must share, and what is put on."""
-    # what two images must share to be compared, as one hash
+    # what two images must share to be compared, as a hash
     studio = _describe_studio(item, settings)
     how = {name: value for name, value in asdict(settings).items() if name in ("board", "renderer")}
     rehearsal = settings.rehearsal and settings.rehearsal.describe()
@@ -575,7 +575,7 @@ def shoot_unit(
     if rehearsal is not None:
         mesh = rehearsal.tape(mesh)
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
-    # frames come one at a time, so that a scene of many does not fill the memory
+    # frame by frame, so that a scene of many does not fill the memory
     pictures = renderer.render_many((camera, pose) for camera, pose, _ in places)
     taken = zip((number for _, _, number in places), pictures, strict=True)
     if rehearsal is None:

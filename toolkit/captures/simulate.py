@@ -258,7 +258,7 @@ def _shoot_plan(
     found = []
     for renderer in (config.renderer, *others):
         if config.source:
-            # a source of one's own name has the renderer's name only for the others
+            # under a name that was asked for, the others alone have the renderer's name behind it
             parts = [config.source, renderer if renderer != config.renderer else None]
         else:
             parts = [*words, renderer if renderer != RAYCAST else None]

@@ -89,7 +89,7 @@ def zero_shot(
     asked = make_prompts(read_class_names(prompts, dataset), templates, dataset)
     if text is None and not image.startswith(OPEN_CLIP_PREFIX):
         raise FieldError("has no text tower: name it with {text}", {"image": image})
-    # open_clip's networks hold both towers, other files hold one
+    # open_clip's networks hold both towers, other files a single one
     if named.startswith(OPEN_CLIP_PREFIX):
         from toolkit.models.open_clip import open_towers
 

@@ -51,7 +51,6 @@ def print_patches(
     as_json: options.Json = False,
 ) -> None:
     """Make print-ready PDFs at true size: patches, a wrap, the board under the object, tags, or any picture."""
-    # with a path to write to no workspace is needed, but for a board, whose spec is kept in it
     place = open_workspace(workspace, is_needed=out is None or sheet.kind is not None).with_patches(patches)
     # a sheet with a page size of its own is printed alone
     kinds: dict[str, object] = {"tag": own.tag, "picture": own.picture, "wrap": wrap}
@@ -61,7 +60,6 @@ def print_patches(
         raise FieldError(
             "cannot be printed together with others: print it in a call of its own", dict([alone.popitem()])
         )
-    # each kind of sheet has a module of its own, of which one is loaded
     if own.tag is not None or own.picture is not None:
         from toolkit.printing.own import print_picture, print_tags
 

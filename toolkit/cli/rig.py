@@ -122,7 +122,6 @@ def plan(
     from toolkit.rig.plan import list_misfits, make_camera, open_plan, plan_objects
 
     space = open_workspace(workspace, is_needed=True).with_patches(patches)
-    # the poses that are there are kept for a shot list, as photographs may have been taken by them
     if shot_list and space.plan_file.is_file() and not _asks_for_poses(context):
         made = open_plan(space, objects)
         names = list(dict.fromkeys(objects or made.objects))
@@ -130,7 +129,6 @@ def plan(
         camera = make_camera(*resolution, fov)
         made = plan_objects(space, objects or (), pattern.with_overrides(seed=seed), camera)
         names = objects or list(made.objects)
-        # the plan of all objects is written; what is told is about those that were asked for
         planned = made.model_copy(update={"objects": {name: made.objects[name] for name in names}})
         drawn = preview_plan(space, planned, seed) if preview else None
         if as_json and not shot_list:
@@ -138,7 +136,6 @@ def plan(
         elif not as_json:
             for line in [] if quiet else list_poses(planned.objects):
                 say(line)
-            # how large a difference so many pairs can show, before anything is shot
             say(what_pairs_can_show(max(map(len, planned.objects.values()))))
             if drawn:
                 say(f"pictures of the positions, and of what each shows: {drawn}")

@@ -133,7 +133,7 @@ def report(
     from toolkit.evaluation.compare import write_index
     from toolkit.evaluation.summaries import Run, find_runs, open_run
 
-    # one of the two: names, or all
+    # either names, or all
     if bool(names) == everything:
         raise FieldError("name runs, or give {everything}", {})
     space = open_workspace(workspace)

@@ -133,7 +133,7 @@ def find_cpu_quota(own: Path = Path("/proc/self/cgroup"), root: Path = Path("/sy
         inner = Path(path.lstrip("/"))
         # in a container the root may be its own group, while the path is that of the host
         for group in (mount / part for mount in mounts for part in (inner, *inner.parents)):
-            # version 2 writes quota and period in one file, version 1 in two
+            # version 2 writes quota and period into a single file, version 1 into two
             words = _read_text(group / "cpu.max") or " ".join(
                 _read_text(group / f"cpu.cfs_{name}_us") for name in ("quota", "period")
             )
@@ -180,12 +180,12 @@ def limit_memory(most_bytes: int) -> Iterator[None]:
         return
     mine = used + most_bytes
 
-    # the lowest of all limits now in force, and never above the one from before
+    # the lowest of all limits now in force, and never above that from before
     def bound() -> None:
         lowest = [*_bounds, *(limit for limit in _before if limit != resource.RLIM_INFINITY)]
         resource.setrlimit(resource.RLIMIT_DATA, (min(lowest), _before[1]) if _bounds else _before)
 
-    # several threads may be within at once: the end of one must not lift the limits of the others
+    # several threads may be within at once: whichever ends must not lift the limits of the others
     with _counting:
         if not _bounds:
             _before = resource.getrlimit(resource.RLIMIT_DATA)

@@ -303,7 +303,7 @@ def move_file(file: Path, path: Path, root: Path) -> Path:
 def link_file(original: Path, path: Path, root: Path) -> bool:
     """Make a hard link to a file at `path`; False on another disk, or without links. Raises as `open_whole`."""
     make_folder(path.parent, root)
-    # a name of its own, which then replaces the file in one step
+    # a name of its own, which then replaces the file in a single step
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
         partial.hardlink_to(original.resolve())

@@ -256,7 +256,6 @@ def corrupt_images(
     if source.is_file() and out.suffix.lower() in (".png", ".jpg", ".jpeg"):
         return _corrupt_file(source, out, corruptions, seed, size_px, device)
     plan = list(dict.fromkeys(corruptions))
-    # an unknown name is refused before any image is read
     for name, severity in plan:
         find_corruption(name, severity)
     _check_settings(source, out, size_px, image_format)
@@ -283,12 +282,10 @@ def corrupt_images(
                     files = render(batch, name, severity, seed=seed, image_format=image_format, device=device)
                     targets = [(image.wanted[name, severity], image.sha256) for image in batch]
                     lines = _write(out, targets, files, known, result)
-                    # after the files: a line means a whole file
                     log.append(*lines)
                     known.update({line.path: line for line in lines})
                     result.made += len(lines)
                     ticker.advance(len(batch))
-        # images whose source is gone are told, and kept
         if source.is_dir():
             wanted = {place + image.target for place in places.values() for image in sources}
             left = (path for path in sorted(known.keys() - wanted) if path.startswith(tuple(places.values())))

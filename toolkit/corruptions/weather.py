@@ -231,7 +231,7 @@ def add_spatter(images: torch.Tensor, shape: tuple[float, ...], draws: RandomStr
     water's strength, or the sigma of the mud's blur in px, and 0 for water or 1 for mud.
     """
     mean, deviation, sigma_px, threshold, strength, is_mud = shape
-    # one layer of drops for all channels
+    # a layer of drops for all channels together
     noise = draws.normal(1, *images.shape[-2:]) * deviation + mean
     liquid = blur_gaussian(noise, sigma_px)
     colour = torch.tensor(MUD if is_mud else WATER, device=images.device)[:, None, None]

@@ -191,7 +191,7 @@ def compare_runs(workspace: Workspace, first: Run, second: Run, captures_dir: Pa
     pairs = _pair_images(said[0], said[1], folders, is_one)
     if not pairs:
         raise ToolkitError(f"{first.name} and {second.name} share no image: compare runs of the same captures")
-    # images that only one of the runs read are counted, and not compared
+    # images that a single run read are counted, and not compared
     left = [sum(prediction.is_read for prediction in own) - len(pairs) for own in said]
     # images of an object share what makes it easy or hard: they are a cluster
     objects = tuple(pair.first.capture.object for pair in pairs)

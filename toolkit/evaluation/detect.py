@@ -235,7 +235,6 @@ def evaluate_detector(
     # images, classes and true boxes
     folder = read_captures(captures_dir, config.selection, trust_files=config.trust_files)
     folder = add_corrupted(folder, config.corruptions)
-    # objects that the detector does not know are left out with a note
     classes, notes = _find_classes(folder.objects, workspace, detector)
     wanted = [capture for capture in folder.captures if capture.object in classes]
     # a corrupted image has the box of its source: boxes do not move
@@ -252,14 +251,12 @@ def evaluate_detector(
     against_none = compare_unpatched(pair_with_unpatched(poses))
     pairs = (*against_none, *compare_controls(poses))
     groups = tuple(group_detections(images))
-    # images that could not be read, and images without a true box
     failed = [(image.capture.path, image.status) for image in images if image.seen is None]
     # the run folder
     table = encode_detections(predictions)
     name = config.run or name_run(detector, [capture.source for capture in wanted if capture.corruption is None])
     wanted_dir = workspace.eval_dir / name
     run_dir = find_run_dir(wanted_dir, lacks_other_table(DETECTIONS, table), config.replace)
-    # the same table in the folder means the same result
     training = find_training(wanted, workspace, detector.weights.sha256, hash_network_tensors(detector))
     notes = (*folder.notes, *notes, *describe_unseen(detector.name, training))
     notes = (*notes, *describe_lost(detector.name, _pool(pairs), training), *explain_pooling(pairs))

@@ -124,7 +124,7 @@ def _note_colour_numbers(image: Image.Image, stream: BinaryIO) -> None:
             stream.seek(int.from_bytes(head[:4], "big") + 4, io.SEEK_CUR)
     elif image.format == "AVIF":
         stream.seek(0)
-        # boxes lie in boxes: the one of colours is found by its name
+        # boxes lie in boxes: that of colours is found by its name
         if box := re.search(rb"colrnclx(.{4})", stream.read(AVIF_HEAD), re.DOTALL):
             found = struct.unpack(">HH", box[1])
     stream.seek(place)

@@ -278,7 +278,7 @@ def _find_misfits(model: "ModelProto", before: Shapes, after: Shapes) -> "Iterat
     for node in model.graph.node:
         if node.op_type not in ("Reshape", "Resize"):
             continue
-        # the axis that grew with the batch, if it is a single one
+        # the axis that grew with the batch, if no other did
         source, made = before.get(node.input[0], []), before.get(node.output[0], [])
         doubled = after.get(node.input[0], [])
         if len(doubled) != len(source):

@@ -41,7 +41,7 @@ def read_tags(text: str) -> tuple[str, list[int]]:
     known, ids = count_markers(dictionary), list[int]()
     for found in parts:
         assert found is not None
-        # a single number is a range of one
+        # a single number is a range, too
         first, last = int(found[1]), int(found[2] or found[1])
         if last >= known or first > last:
             expected = f"{name} has the tags 0 to {known - 1}" if last >= known else "expected the smaller number first"
@@ -73,7 +73,7 @@ def print_tags(wanted: OwnSettings, page: PrintSettings, folder: Path) -> Printe
     white = side / len(marker_modules(dictionary, ids[0]))
     ids = [marker_id for marker_id in ids for _ in range(page.copies)]
     width, height = side + 2 * white, side + 2 * white + WORDS_MM
-    # one plan holds all tags, as if they were copies of one sheet
+    # a single plan holds all tags, as if they were copies of a sheet
     plan = plan_sheet(page.paper, page.orientation, width, height, len(ids))
     origin = f"{dictionary}, white border {white:.2f} mm   ·   toolkit {__version__}"
     title, size = f"{name}, {count_of(len(ids), 'tag')}", f"{side:g} mm, the side of the black square"

@@ -281,7 +281,7 @@ def pack_copies(content: Rect, cut_width: float, cut_height: float, copies: int)
     columns = min(most_columns, copies)
     rows = min(most_rows, math.ceil(copies / columns))
     group = content.centre(columns * cell_width, rows * cell_height)
-    # rows fill from the top of the page, as one reads
+    # rows fill from the top of the page
     cuts = [
         Rect(group.x + column * cell_width + (cell_width - cut_width) / 2,
              group.top - row * cell_height - MARK_MM - cut_height, cut_width, cut_height)

@@ -53,7 +53,7 @@ def draw_board(pdf: Pdf, spec: Board) -> None:
     """Draw a board or a ring at full size; its ink is the printer's own black, not a mixture of colours."""
     pdf.saveState()
     pdf.grey(0)
-    # the board lies inside the sheet's edges, of which the front one is wider, for its words
+    # the board lies inside the sheet's edges; the front edge is wider, for its words
     if isinstance(spec, CharucoBoard):
         pdf.translate(EDGE_MM, FRONT_EDGE_MM)
     # squares and markers in the grey of the spec, the words after them in black
@@ -100,7 +100,7 @@ def _write_on_board(pdf: Pdf, spec: CharucoBoard) -> None:
 def _write_in_ring(pdf: Pdf, spec: MarkerRing) -> None:
     """Draw axes, front and spec in the free disc, and the line to cut along."""
     middle, radius = spec.outer_mm / 2, spec.inner_mm / 2
-    # the outer circle is cut along, the inner one bounds the disc that the object stands on
+    # the outer circle is cut along, the inner circle bounds the disc that the object stands on
     pdf.setLineWidth(LINE_MM)
     pdf.setStrokeGray(0.6)
     pdf.circle(middle, middle, middle - LINE_MM, stroke=1, fill=0)
@@ -216,7 +216,7 @@ USE_IT = "Print it on the paper and with the settings of the patches. Photograph
 
 def build_strip_pdf(paper: Paper, orientation: str = "auto") -> BoardDocument:
     """Draw the strip in the middle of a page, with check bars and, if they fit, crop marks."""
-    # the strip needs one page only, so no plan chooses the orientation
+    # the strip needs a single page, so no plan chooses the orientation
     frame = turn_frames(paper, orientation)[0]
     width, height = STRIP.size_mm
     size = f"{width:g} × {height:g} mm"

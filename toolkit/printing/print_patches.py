@@ -66,7 +66,7 @@ def _find_class(known: dict[str, Path], wanted: str) -> list[Path]:
         except ToolkitError as error:
             broken.append(str(error))
     found = [known[name] for name, class_name in trained_for.items() if class_name.casefold() == wanted.casefold()]
-    # the message also says which records could not be read, since one of them may be meant
+    # the message also says which records could not be read, since any of them may be meant
     if not found:
         unknown = one_of("patch or class", wanted, sorted({*known, *trained_for.values()}))
         raise ToolkitError("; ".join([str(unknown), *broken]))
@@ -319,7 +319,7 @@ def print_chosen(
         chosen = select_patches(workspace, classes, everything, files)
         more, failed = print_patches(chosen, out, settings, go_on=everything, workspace=workspace)
         printed += more
-    # a size that was asked for by object is the spec's or one's own: there is nothing to compare
+    # a size that was asked for by object is the spec's or the user's: there is nothing to compare
     compared = [] if objects else printed
     notes = list(dict.fromkeys(note for sheet in compared for note in compare_with_rig(workspace, sheet)))
     return printed, failed, notes + check_fits(workspace, printed)
@@ -327,14 +327,14 @@ def print_chosen(
 
 def _name_targets(worn: Sequence[tuple[Path, Wearer | None]], out: Path) -> list[tuple[Path, Wearer | None, Path]]:
     """Return each patch, its object, and its PDF; no two may share it."""
-    # a single file can hold only one patch
+    # a single file can hold a single patch
     if out.suffix.lower() == ".pdf" and len(worn) > 1:
         pages = ", ".join(wearer.object if wearer else file.stem for file, wearer in worn)
         raise FieldError(f"one file for {len(worn)} pages ({pages}): name a folder, or one object", {"out": out})
     if out.suffix.lower() == ".pdf":
         return [(*pair, out) for pair in worn]
     targets = [(file, wearer, out / f"{wearer.object if wearer else file.stem}.pdf") for file, wearer in worn]
-    # patches of one name may lie in different folders
+    # patches of the same name may lie in different folders
     names = [pdf_file.name for *_, pdf_file in targets]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise FieldError(

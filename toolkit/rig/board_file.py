@@ -305,7 +305,7 @@ def read_board(workspace: Workspace) -> Board:
             raise ToolkitError(f"{file}: {error}") from None
     if not file.is_file():
         return DEFAULT_BOARD
-    # the last sheet that was printed: one of the two kinds
+    # the last sheet that was printed, of either kind
     found = read_json(file, BoardFile)
     if (found.board is None) == (found.ring is None):
         raise ToolkitError(f"{file}: expected either 'board' or 'ring': print the sheet again, or delete the file")

@@ -137,7 +137,7 @@ class MitsubaRenderer(Renderer):
         mi, scene = _load(), self._scene
         parts: dict[str, Any] = {"type": "scene", "room": _make_environment(scene.environment)}
         bodies = [self._mesh_in_world, *([scene.surroundings] if scene.surroundings is not None else [])]
-        # a shape has one material, so each material of a mesh becomes a shape
+        # a shape has a single material, so each material of a mesh becomes a shape
         for body, mesh in enumerate(bodies):
             for index, material in enumerate(mesh.materials):
                 faces = mesh.faces[mesh.face_material == index]

@@ -295,7 +295,7 @@ def plan_poses(
         if sheet_mm is not None:
             # a sheet may reach out over its object: it decides only where it would be cut
             distance = max(distance, distance_to_fill(camera, sheet_mm, target, azimuth, elevation, fill=WHOLE))
-        # a distance that was asked for replaces the one that fills the frame; two are spread over the poses
+        # a distance that was asked for replaces that which fills the frame; two are spread over the poses
         if pattern.distance_mm is not None:
             share = i / max(len(angles) - 1, 1)
             distance = pattern.distance_mm[0] * (1 - share) + pattern.distance_mm[1] * share

@@ -338,7 +338,7 @@ class ViewStream:
             for stale in [n for n in self._waiting if n < number]:
                 for future in self._waiting.pop(stale):
                     future.cancel()
-            # with the next group begun, rendering goes on while this one is trained on
+            # with the next group begun, rendering goes on while this group is trained on
             for n in range(number, min(number + 2, self._groups) if self._pool is not None else number + 1):
                 if n not in self._waiting:
                     count = self.settings.studios

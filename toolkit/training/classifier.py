@@ -88,7 +88,7 @@ def train_classifier(
     # the folder of the network, and of what is kept on the way
     folder = out or workspace.classifiers_dir
     training = folder / ".training" / config.name
-    # one process deletes, however many train
+    # a single process deletes, however many train
     if restart and current().is_first:
         delete_folder(training)
     # what is learnt, and from which weights

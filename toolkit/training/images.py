@@ -334,7 +334,7 @@ def open_images(data: str, classifier: Any, split: str = "test", download: bool 
     if data.startswith(CIFAR_PREFIX):
         return _open_cifar(data, classifier, split, download)
     folder = _check_folder(Path(data), "a folder with one folder per class, or cifar10:FOLDER")
-    # the folder of the split if there is one, else the whole folder
+    # the folder of the split if it is there, else the whole folder
     root = next((folder / name for name in SPLITS[split] if (folder / name).is_dir()), folder)
     files, refused = _find_by_class(root)
     # folders are matched with classes, by label or WordNet id

@@ -135,7 +135,7 @@ def find_patch_booster(
         return Camouflage(hidden[0], sha256, variant, sizes_mm, margin=own.record.margin, prints=hidden)
     shown = next_patch(workspace, own) if variant == "wrong-patch" else own
     alone = variant == "patch-alone"
-    # a patch alone lies on the table, and one sheet of it is enough
+    # a patch alone lies on the table, and a single sheet of it is enough
     return PatchBooster(
         shown.pixels, shown.record.png_sha256, shown.record.name, sizes_mm[:1] if alone else sizes_mm, alone,
         margin=shown.record.margin,

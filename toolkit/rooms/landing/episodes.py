@@ -130,7 +130,7 @@ class Flights:
             view_tan: tangent of half the camera's angle of view, for `lost`.
         """
         self.config, self.ground, self._vehicle = config, ground, vehicle
-        # one pad for all, or a pad for each
+        # a pad for all, or a pad for each
         self.pads = np.broadcast_to(np.asarray(pads, float), (len(indices), 3))
         draws = [EpisodeDraws.of(config, seed, index) for index in indices]
         self.episodes = [Episode(index) for index in indices]

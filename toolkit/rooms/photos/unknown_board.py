@@ -197,7 +197,7 @@ def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
             there, back = map_points(frames[a], middles[b][None])[0], map_points(frames[b], middles[a][None])[0]
             if max(np.linalg.norm(there), np.linalg.norm(back)) < NEAR_SIDES:
                 steps.setdefault((a, b), []).append((there - back) / 2)  # perspective cancels to first order
-    # markers that lie beside others; a single one far away cannot be placed
+    # markers that lie beside others; a marker far away cannot be placed
     numbers = sorted({number for pair in steps for number in pair})
     if not numbers:
         raise ToolkitError("markers are seen, but no two side by side: expected a board whose markers lie side by side")

@@ -137,7 +137,7 @@ def lay_veils(directions: np.ndarray, amount: float, pixel_rad: float, rng: np.r
     levels = paint_levels(rng, TILE_PX, 1.5, 3)
     distance = reach_height(directions[:, 2], VEIL_M)
     lod = np.log2(distance * pixel_rad * TILE_PX / VEIL_TILE_M)
-    # one direction for all streaks: the wind's
+    # a single direction for all streaks: the wind's
     angle = rng.uniform(0, np.pi)
     x, y = directions[:, 0] * distance / VEIL_TILE_M, directions[:, 1] * distance / VEIL_TILE_M
     along, across = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x

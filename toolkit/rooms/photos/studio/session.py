@@ -274,7 +274,7 @@ def undo_keep(session: Session, number: int) -> ShotState:
         before = _find_before(root, record)
         delete_file(file)
         drop_records(root, {record.path})
-        # the photograph that this one had replaced comes back
+        # the photograph that was replaced comes back
         if before is not None:
             old = root / REPLACED / before.path
             path = str(Path(record.path).with_suffix(old.suffix).as_posix())

@@ -78,7 +78,7 @@ def choose_landmarks(blocks: list[Block], rng: Rng) -> dict[tuple[int, int], str
     order = sorted(
         blocks, key=lambda b: (np.hypot(b.column - middle[0], b.row - middle[1]) + rng.uniform(0, 1.6), b.row, b.column)
     )
-    # one block at least keeps ordinary houses
+    # at least a block keeps ordinary houses
     count = min(len(LANDMARKS), max(1, len(blocks) - 1))
     step = max(1, len(blocks) // count)
     # the first two, square and park, take places in the inner half of that order

@@ -132,7 +132,7 @@ def _spout() -> Parts:
     return Parts(
         surface(np.stack([cut(i, 0) for i in range(len(path))]), enamel_paint(NAVY, CREAM_SPECKS, seed=3), "enamel"),
         surface(np.stack(lip), TRIM, "trim"),
-        # the inside, as far as one can look down the mouth
+        # the inside, as far as it is seen through the mouth
         surface(np.stack([cut(i, 2.2) for i in range(last, last - 15, -1)]), TRIM, "trim"),
     )
 

@@ -205,7 +205,7 @@ def _paint_facade(
 def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: Rng) -> Piece:
     """Blocks (n, 3) low and high corners with painted facades and roofs, their windows whole."""
     style = rng.integers(0, len(STYLES), len(low))
-    # flat roofs of one felt for all
+    # flat roofs, of the same felt for all
     felt = wall(looks, "roofing", (104, 104, 102))
     pieces = []
     for k in range(len(STYLES)):

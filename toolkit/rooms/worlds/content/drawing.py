@@ -464,7 +464,7 @@ def label(
         for centre in centres:
             x = centre * wide
             canvas.rectangle((x - half, top, x + half, bottom), fill=paper)
-            # without a word, or too low for one, the paper stays blank
+            # without a word, or too low for words, the paper stays blank
             if not text or tall < 8:
                 continue
             # as large as height and width of the paper allow

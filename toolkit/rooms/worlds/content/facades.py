@@ -88,7 +88,7 @@ def windowed_wall(
         at = edges[1:-1] if len(edges) > 2 else edges
         span = np.stack([at - 0.22, at + 0.22], 1)
         pieces.append(_blocks(span, np.full(len(at), z0), np.full(len(at), top), 0.12, style.trim))
-    # only some of the windows have one
+    # only some of the windows have a balcony
     if style.balconies:
         pieces.append(_balconies(cell[rng.random(len(cell)) < style.balconies], base, style, looks))
     if style.fire_escape and width > 7 and floors > 1:

@@ -123,7 +123,7 @@ def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Lo
 
 def feeder_ship(looks: Looks, rng: Rng) -> Piece:
     """A feeder container ship 110 m long at the quay."""
-    # bays along the ship, rows across, one to three containers high
+    # bays along the ship, rows across, up to three containers high
     boxes_at, kinds = [], []
     for bay in range(5):
         for row in range(6):
@@ -131,7 +131,7 @@ def feeder_ship(looks: Looks, rng: Rng) -> Piece:
                 boxes_at.append((-22 + bay * 13.2, -6.3 + row * 2.5, 6.6 + level * 2.62))
                 kinds.append(int(rng.integers(len(LINES))))
     at, kind = np.array(boxes_at), np.array(kinds)
-    # containers of a line are copies of one
+    # containers of a line are copies of each other
     cargo = [kit.place(container(looks, k, V), at[kind == k]) for k in range(len(LINES))]
     funnel = kit.revolved([(2.2, 0), (1.9, 7), (1.5, 7.2), (1.5, 7.0)], 14, looks.plain((24, 60, 130)), V)
     # hull, cargo, the house astern with its funnel, and masts
@@ -163,7 +163,7 @@ def boats(looks: Looks, rng: Rng) -> Piece:
         kit.revolved([(1.0, 7.6), (0.9, 11.0), (0.6, 11.0)], 12, looks.plain((226, 150, 30)), V),
     )
     # a yacht, moored without sails or sailing with two
-    # triangles as quads with two corners in one place
+    # triangles as quads with two corners in the same place
     jib = np.array([
         [(4.6, 0, 1.4), (0.4, 0.02, 1.8), (0.3, 0.02, 11.0), (0.3, 0.02, 11.0)],
         [(0.0, 0, 1.9), (-4.4, 0.1, 1.9), (0.0, 0, 12.6), (0.0, 0, 12.6)],
@@ -333,7 +333,7 @@ def _pier(looks: Looks) -> Piece:
 def lighthouse(looks: Looks) -> Piece:
     """A banded tower 22 m high on a mole of stone."""
     stone = wall(looks, "ashlar", STONES[3])
-    # white and red bands, each narrower than the one below
+    # white and red bands, which narrow upwards
     tones = [looks.plain(tone) for tone in ((236, 236, 230), (190, 34, 34))]
     bands = [
         kit.revolved([(2.6 - 0.055 * z, 2.6 + z), (2.6 - 0.055 * (z + 4), 6.6 + z)], 20, tones[k % 2], B)

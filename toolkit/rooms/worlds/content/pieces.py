@@ -292,7 +292,7 @@ def place(piece: Piece, at: ArrayLike, yaw_deg: ArrayLike = 0.0, scale: ArrayLik
     if not k or not n:
         return EMPTY
     yaw = np.radians(np.broadcast_to(np.asarray(yaw_deg, np.float64), (k,)))
-    # one factor for all axes, or three
+    # a factor for all axes, or three
     factor = np.asarray(scale, np.float64)
     factor = np.broadcast_to(factor.reshape(-1, 1) if factor.ndim < 2 else factor, (k, 3))
     # rounded: the last bits of a sine differ between machines
@@ -327,7 +327,7 @@ def bars(start: ArrayLike, end: ArrayLike, thick_m: float | np.ndarray, skin: Sk
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     up = cross(along, side)
     half = np.broadcast_to(np.asarray(thick_m, np.float64) / 2, (len(start),))[:, None]
-    # four corners of the section, one after the other round the rod
+    # four corners of the section, in turn round the rod
     ring = [(-side - up) * half, (side - up) * half, (side + up) * half, (up - side) * half]
     faces = [np.stack([start + ring[k], start + ring[k - 3], end + ring[k - 3], end + ring[k]], 1) for k in range(4)]
     return quads(np.concatenate(faces), skin, label)

@@ -63,7 +63,7 @@ def hydrant(looks: Looks) -> Piece:
         ],
         9,
     )  # fmt: skip
-    # two caps at the sides and a larger one in front
+    # two caps at the sides, and a larger cap in front
     cap = [
         revolve([(0.07, 0.0), (0.07, 0.2), (0.05, 0.21), (0.005, 0.23)], 8).rotated("x", a).moved(z=0.4)
         for a in (90, -90)

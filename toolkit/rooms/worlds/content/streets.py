@@ -385,7 +385,7 @@ def _line_kerb(plan: Plan, stretch: Stretch, standing: Standing, rng: Rng) -> No
     shares = shares / shares.sum()
     # in turns of four: a lamp, something, a tree, something
     along, k = CROSSING_M + 2.5, int(rng.integers(4))
-    # at most one thing at each place
+    # at most a single thing at each place
     while along < stretch.length - 5.0:
         point = stretch.point(along, right)
         if k % 4 == 0 and plan.is_free(stretch.point(along, right - 2.4), 0.5) and plan.is_free(point, 0.3):
@@ -436,7 +436,7 @@ def _signal(plan: Plan, stretch: Stretch, standing: Standing, rng: Rng) -> None:
     beyond = stretch.point(stretch.length + 2 * stretch.across.half + 1.0, stretch.street.half + 1.0)
     inside = inner[0] < beyond[0] < inner[1] and inner[2] < beyond[1] < inner[3]
     if inside and (stretch.street.avenue or stretch.across.avenue or rng.random() < 0.7):
-        # red for one direction is green for the other
+        # red for a direction is green for the other
         runs_north = abs(stretch.ahead[1]) > 0.5
         arm = 6.5 if stretch.street.avenue else 4.6
         # green for one of the crossing directions, by the corner's place
@@ -463,7 +463,7 @@ def hang_wires(plan: Plan, looks: Looks) -> Piece:
     for stretch in plan.stretches():
         if not stretch.street.avenue or not plan.is_free((stretch.start + stretch.end) / 2, stretch.length / 2 + 8):
             continue
-        # two contact wires 5.55 m high, one above each track
+        # two contact wires 5.55 m high, each above a track
         ends = [np.array([(*stretch.point(along, y), 5.55)]) for y in (-1.68, 1.68) for along in (0.0, stretch.length)]
         pieces.append(bars(np.concatenate(ends[::2]), np.concatenate(ends[1::2]), 0.03, black, SceneClass.FURNITURE))
         reach = stretch.street.half + 0.6

@@ -400,7 +400,7 @@ def build_tail_end() -> Parts:
     holder = [(9.6, 0.5), (7.0, 0.6), (6.6, 1.4), (5.4, 1.4), (5.0, 0.6), (2.6, 0.6), (2.0, 2.6), (0.0, 3.4)]
     burnt = petals(18, (34, 33, 34), (126, 122, 118))
     parts = Parts()
-    # one for each engine, pointing backwards
+    # a nozzle for each engine, pointing backwards
     for y in (14.0, -14.0):
         pieces = Parts(
             revolve(outside, 54, burnt, "metal"),

@@ -496,7 +496,7 @@ def make_dumbbell(rng: Rng) -> Mesh:
     reach, radius, bar = rng.draw(70, 95), rng.draw(38, 58), rng.draw(10, 14)
     colour, steel = rng.colour("dark", "bright", "grey"), rng.colour("steel", "dark")
     kind = rng.pick(("hexagon", "plates", "plates", "ball"))
-    # one end, its middle on the axis z
+    # an end, its middle on the axis z
     ends = Parts()
     if kind == "hexagon":
         sides = rng.pick((6, 8))

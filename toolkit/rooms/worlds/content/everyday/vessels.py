@@ -181,7 +181,7 @@ def make_teapot(rng: Rng) -> Mesh:
     else:
         ear = (-belly * 0.86, high * 0.82), (-belly * 0.93, full * 0.6)
         parts += _loop(*ear, rng.draw(32, 44), rng.draw(5, 7), trim, "ceramic")
-    # the spout to one side, as in most photographs
+    # the spout to a side, as in most photographs
     return finish(parts.rotated("z", rng.draw(-100, -80)))
 
 
@@ -228,7 +228,7 @@ def make_coffee_mug(rng: Rng) -> Mesh:
     root, reach = radius * (1 + flare) / 2 - 3, rng.draw(26, 36)
     loop = arc((root, high * 0.52), (reach, high * rng.draw(0.28, 0.36)), 88, -88)
     parts = Parts(body, rod(loop, rng.draw(4.5, 6.5), colour, "ceramic", flatten=1.5))
-    # the handle to one side, where it is seen
+    # the handle to a side, where it is seen
     return finish(parts.rotated("z", rng.draw(60, 120)))
 
 
@@ -342,7 +342,7 @@ def make_pot(rng: Rng) -> Mesh:
             place = rng.normal(0, 0.42, 3) * size * [1, 1, 0.6] + [0, 0, soil + size * 0.9]
             parts += ball(size * rng.draw(0.5, 0.7), leaves, "matte", 14, 8).moved(*place)
     elif kind == "leaves":
-        # a rosette: each leaf a golden angle after the one before
+        # a rosette: each leaf a golden angle after the last
         for k in range(12):
             leaf = ball(rng.draw(50, 76), rng.vary(green), "matte", 8, 8, (0.05, 0.16, 1)).moved(z=48)
             parts += leaf.rotated("y", rng.draw(8, 60)).rotated("z", 137.5 * k).moved(z=soil - 6)
@@ -369,7 +369,7 @@ def make_frying_pan(rng: Rng) -> Mesh:
         (radius - 2, 0, high * 0.75), (radius + 0.3 * reach, 0, high + rise * 0.5), (radius + reach, 0, high + rise),
     ]  # fmt: skip
     parts += rod(path, [5, 6, 7.5, 8], grip, "wood", flatten=1.7)
-    # one or two fried eggs
+    # a fried egg, or two
     if rng.chance(0.35):
         for side in (-1, 1)[: int(rng.integers(1, 3))]:
             white = ball(34, (248, 246, 238), "ceramic", 18, 6, (1.1, 1, 0.1)).moved(0, side * 30, 7)
