@@ -120,6 +120,7 @@ class RendererAgreement:
     @cached_property
     def pairs(self) -> tuple[RendererPair, ...]:
         """Return a comparison of every two renderers."""
+        # the bare object first, then boosters, then controls
         variants = sorted({key[1] for key in self.images[0]}, key=lambda name: (name != UNPATCHED, rank_variant(name)))
         found = []
         for at, (one, other) in enumerate(combinations(range(len(self.sources)), 2)):
@@ -272,11 +273,13 @@ def _read_lab(capture: Capture, mask: np.ndarray) -> np.ndarray | None:
 
 
 def _compare_colours(one: Sequence[np.ndarray | None], other: Sequence[np.ndarray | None]) -> ColourGap | None:
+    # an image counts only where both renderers showed the object
     both = [(a, b) for a, b in zip(one, other, strict=True) if a is not None and b is not None]
     if not both:
         return None
     first, second = (np.concatenate(side) for side in zip(*both, strict=True))
     gap = delta_e2000(first, second)
+    # by lightness of the first: the darkest and the lightest quarter
     low, high = np.quantile(first[:, 0], (0.25, 0.75))
     numbers = (
         np.median(gap), np.quantile(gap, 0.9), (second[:, 0] - first[:, 0]).mean(),
@@ -309,12 +312,14 @@ def say_where(outcomes: Mapping[str, PairedOutcomes]) -> tuple[str, str]:
     """Return tone and words, `holds in all 3 renderers`, of a gain with these outcomes by renderer."""
     holds = [name for name, found in outcomes.items() if found.second_is_better]
     harms = [name for name, found in outcomes.items() if found.first_is_better]
+    # open until it holds in all of them
     tone = "open"
     if len(holds) == len(outcomes):
         tone, words = "good", f"holds in {'both' if len(holds) == 2 else f'all {len(holds)}'} renderers"
     else:
         start = f"holds in {join_words(holds)}, and is" if holds else "is"
         words = f"{start} not shown in {join_words([name for name in outcomes if name not in holds])}"
+    # harm in any renderer outweighs the gains in others
     if harms:
         tone, words = "bad", f"{words}; it does harm in {join_words(harms)}"
     return tone, words

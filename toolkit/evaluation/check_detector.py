@@ -60,6 +60,7 @@ def check_detector(model: str, detector: Detector, folder: Path, picture: Path) 
     Raises:
         ToolkitError: there is no photograph, or a photograph cannot be read.
     """
+    # in the order of their names, so that the same photographs are checked again
     files = sorted(file for file in folder.rglob("*") if is_image_name(file.name)) if folder.is_dir() else []
     if not files:
         raise FieldError("expected a folder with photographs in it, found none", {"check": folder})

@@ -240,6 +240,7 @@ def list_differences(first: Run, second: Run, pairs: Sequence[Pair]) -> Iterator
 def _find_renamed(pairs: Sequence[Pair]) -> tuple[int, str, str] | None:
     """Return an output that the runs name differently, with both names; None if no image shows any."""
     names: tuple[dict[int, str], dict[int, str]] = {}, {}
+    # an output's name, as the predictions of each run show it
     for pair in pairs:
         for known, prediction in zip(names, (pair.first, pair.second), strict=True):
             known[prediction.true_index] = prediction.true_label
@@ -380,6 +381,7 @@ def _gather_flips(workspace: Workspace, runs: Sequence[Run]) -> tuple[list[tuple
 def _describe_run_flip(run: Run, pair: Pair, numbers: dict[str, int]) -> dict[str, Any]:
     """Return what the page shows of a flip; a picture is its number on the page, None if the image is gone."""
     capture = pair.second.capture
+    # the row of its source and variant, else the run's first
     row = next((row for row in run.rows if (row.source, row.variant) == (capture.source, capture.variant)), run.rows[0])
     cells = (pair.first, pair.second)
     return {

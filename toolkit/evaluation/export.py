@@ -147,6 +147,7 @@ def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], capture
         str: arrow.string(), int: arrow.int32(), float: arrow.float64(), bool: arrow.bool_(),
         tuple: arrow.list_(arrow.float64()),
     }  # fmt: skip
+    # the version of the columns stands in the file itself
     about = {VERSION_KEY: str(SCHEMA_VERSION).encode(), b"toolkit_version": __version__.encode()}
     # types are given, not guessed: an empty column keeps its type
     schema = arrow.schema([(name, kinds[kind]) for name, kind in columns.items()], metadata=about)
@@ -238,6 +239,7 @@ def write_fiftyone(
     fields: dict[str, dict[str, object]] = {}
     left_out = 0
     for run in runs:
+        # images that are gone, unreadable or corrupted in memory have no file to show
         placed, gone = _read_placed(workspace, run, captures_dir)
         left_out += gone
         for prediction in placed:

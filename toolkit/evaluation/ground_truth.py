@@ -80,6 +80,7 @@ def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> C
     """
     if not corruptions:
         return folder
+    # what is corrupted in its file is not corrupted again
     clean = [capture for capture in folder.captures if capture.corruption is None]
     taken = {capture.source for capture in folder.captures}
     corrupted = sorted(taken - {capture.source for capture in clean})
@@ -100,6 +101,7 @@ def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> C
     # notes on corrupted files, and on corruptions that are not published
     notes = [f"not corrupted again, as they are corrupted: {', '.join(corrupted)}"] if corrupted else []
     notes += [note] if (note := find_note(list(dict.fromkeys(name for name, _ in corruptions)))) else []
+    # among the captures, as if they lay there as files
     captures = sorted((*folder.captures, *made), key=lambda item: (item.source, item.object, item.variant, item.path))
     return replace(folder, captures=tuple(captures), notes=(*folder.notes, *notes))
 

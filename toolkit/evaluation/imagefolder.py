@@ -100,6 +100,7 @@ def write_imagefolder(
 
 def _list_answers(workspace: Workspace, run: Run, captures_dir: Path | None) -> dict[str, Row]:
     """Return the predictions of a run by path, of images that still have their own file."""
+    # images lie where the run found them, unless another folder is named
     place = captures_dir or find_captures_dir(workspace, run)
     name = _column_of(run)
     return {

@@ -118,6 +118,7 @@ class ClusterBootstrap:
 
         Without any spread the interval is that of `estimate_share` for truth values, and None for others.
         """
+        # first the mean itself, then the means of the draws
         found = self.shares(values, among)
         if np.isnan(found[0]):
             return None, None
@@ -352,6 +353,7 @@ def group_predictions(predictions: Sequence[Prediction]) -> list[Group]:
     """Return the accuracy of each group of `group_images`."""
     groups = []
     for key, members in group_images(predictions).items():
+        # shares are of images that were read
         read = [prediction for prediction in members if prediction.is_read]
         n_top1, n_top5 = sum(item.correct_top1 for item in read), sum(item.correct_top5 for item in read)
         mean = sum(prediction.true_prob or 0.0 for prediction in read) / len(read) if read else None
@@ -364,6 +366,7 @@ def index_poses(predictions: Iterable[Prediction]) -> Poses:
     by_pose: Poses = defaultdict(lambda: defaultdict(dict))
     for prediction in predictions:
         poses = by_pose[(prediction.capture.source, prediction.capture.object)][prediction.capture.variant]
+        # images without a pose cannot be paired
         if prediction.capture.pose_id is not None:
             first = poses.get(prediction.capture.pose_id)
             if first is None or (prediction.is_read and not first.is_read):
@@ -409,6 +412,7 @@ def compare_pairs(pairs: Iterable[Pair]) -> list[Comparison]:
 
 def explain_pooling(rows: Sequence[Comparison]) -> list[str]:
     """Return a line for each pooled row whose objects have unequal numbers of pairs."""
+    # pairs by object, pooled rows left out
     counts: dict[tuple[str, str, str], dict[str, int]] = defaultdict(dict)
     for row in rows:
         if row.object != POOLED:

@@ -105,6 +105,7 @@ class Origin:
         rows = [("images", f"{self.counted} counted{aside}{trust}")]
         rows += [("pairs", f"{n} not formed, {reason}") for reason, n in self.no_pairs[:MOST_REASONS]]
         rows += [(source.source, source.describe()) for source in self.sources]
+        # each booster once, however many objects have it
         worn = dict.fromkeys((name, sha) for source in self.sources for _, name, sha in source.boosters)
         named = [f"{name} {sha}".strip() for name, sha in worn]
         rows += [("boosters", list_some(named, MOST_BOOSTERS))] if named else []

@@ -50,6 +50,7 @@ def predict_captures(
                 look(capture, pixels)
             yield k, pixels
 
+    # closed whatever happens, as threads read ahead
     with progress("classifying", len(captures)) as ticker, closing(pictures):
         for k, logits in predict_stream(show(), classifier, batch_size, lambda k: captures[k].path):
             answer = read_answer(logits, trues[k])

@@ -118,6 +118,7 @@ def _parse(cell: str, kind: type) -> Any:
         return cell == "1"
     if kind is str:
         return cell
+    # a box is four numbers, any other cell a single number
     numbers = tuple(map(float, cell.split()))
     if len(numbers) != (4 if kind is tuple else 1) or not all(map(math.isfinite, numbers)):
         raise ValueError(f"'{shorten(cell, MOST_SHOWN)}' is no {'box' if kind is tuple else 'number'}")
@@ -318,6 +319,7 @@ def predictions_table(run: Written | Path | str) -> "pandas.DataFrame":
     missing = [name for name in NEEDED if name not in table.columns]
     if missing:
         raise ToolkitError(f"{file}: no column '{missing[0]}': run 'toolkit eval' again")
+    # cells as they were before they were quoted for spreadsheets
     for name in table.columns:
         table[name] = table[name].map(decode_cell, na_action="ignore").astype("string")
     if "failed_gates" in table.columns:

@@ -106,6 +106,7 @@ def describe_other_classes(training: Sequence[Training], true_labels: Mapping[st
     lines = []
     for booster in training:
         label = true_labels.get(booster.object, "")
+        # a control with the patch of another class is meant to be wrong
         are_known = label and booster.class_name and booster.variant != WRONG
         if are_known and plain_name(label) != plain_name(booster.class_name):
             lines.append(
@@ -243,6 +244,7 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
       renderers only).
     - `gates`: photographs that failed a gate, and groups and pairs without them.
     """
+    # without photographs that failed a gate
     passed = findings.passed
     failed_gates = [{"path": item.capture.path, "gates": list(item.capture.failed_gates)} for item in findings.gated]
     return {

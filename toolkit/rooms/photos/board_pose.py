@@ -170,6 +170,7 @@ def explain_absence(image: np.ndarray, board: Board) -> str:
     finder = _make_finder(board)
     if finder.sees_two(grey):
         return "the board is seen twice: keep a single board in the picture"
+    # a marker in a mirror is no marker, so the picture is mirrored back
     mirrored = finder.find(grey[:, ::-1].copy(), grey[:, ::-1].copy()) if board.marker_ids else None
     if mirrored is not None and len(mirrored[0]) >= LEAST_CORNERS:
         return "the board is seen mirrored: print it unmirrored, or switch off the front camera's mirror"
@@ -201,6 +202,7 @@ def _versions(grey: np.ndarray) -> Iterator[np.ndarray]:
     longer = max(grey.shape)
     first = shrink(grey, SEARCH_SIDE_PX)
     yield first
+    # markers of a few pixels are found in a larger picture
     if longer <= SMALL_SIDE_PX:
         yield cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
     if longer > SEARCH_SIDE_PX:
@@ -385,6 +387,7 @@ def _find_markers(
     scale = np.array([full.shape[1] / searched.shape[1], full.shape[0] / searched.shape[0]], np.float32)
     numbers = np.asarray(ids, np.int32).reshape(-1)
     mine = [i for i, number in enumerate(numbers) if int(number) in known]
+    # the edges of a picture scale, and OpenCV counts from the centre of the first pixel
     half = np.float32(0.5)
     return [((corners[i].reshape(4, 2) + half) * scale - half).astype(np.float32) for i in mine], numbers[mine]
 

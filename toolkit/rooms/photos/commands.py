@@ -64,6 +64,7 @@ def import_(
     asking = ask if ask is not None else sys.stdin.isatty() and not (quiet or as_json)
     check = make_check(space, settings.source)
     result = import_photos(space, photos, settings, check=check, ask=ask_person if asking else None)
+    # the gates of the whole set need all photographs that are there
     report = check_captures(space, settings.source) if any(row.there for row in result.coverage) else None
     if as_json:
         show_json(result.to_json() | {"gates": None if report is None else report.to_json()})
@@ -75,6 +76,7 @@ def import_(
 
 def ask_person(question: str, answers: Sequence[str]) -> str | None:
     """Put a question on stderr until the reply is among `answers`, or s or nothing to leave it out."""
+    # of many poses, first and last are enough
     shown = "/".join(answers) if len(answers) <= SHOWN_POSES else f"{answers[0]}-{answers[-1]}"
     while True:
         answer = typer.prompt(f"{question} [{shown}, s to leave it out]", default="s", show_default=False, err=True)

@@ -90,6 +90,7 @@ def search_region(image: np.ndarray, region: np.ndarray | None) -> SearchedPhoto
     photo = search_photo(image)
     if region is None:
         return photo
+    # a little beyond the region, as features have an extent
     near = cv2.dilate(region.astype(np.uint8), np.ones((3, 3), np.uint8), iterations=round(REACH * max(region.shape)))
     column, row = (photo.features.frames[:, :, 2] / photo.scale).T.astype(int)
     kept = near[row.clip(0, region.shape[0] - 1), column.clip(0, region.shape[1] - 1)] > 0

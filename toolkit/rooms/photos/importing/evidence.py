@@ -126,6 +126,7 @@ def _find_groups(
     every = []
     for candidate in candidates:
         group, unusable = None, None
+        # photographs that gave way to others are not taken again
         if candidate.photo.identity not in index.replaced:
             record = index.current.get(candidate.photo.identity)
             found = find_group(candidate, plan.objects, variants, (settings.object, settings.variant))

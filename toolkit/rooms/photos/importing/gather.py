@@ -248,6 +248,7 @@ def _take_frames(candidate: Candidate, every_s: float | None) -> Iterable[Candid
         frames = pick_frames(photo.path, every_s)
         facts = read_video(photo.path)
         bar.advance()
+    # a frame was taken so long after the video began
     photos = (replace(photo, frame=frame, taken=facts.taken_at(frame)) for frame in frames)
     return [replace(candidate, photo=photo, label=f"{candidate.label} frame {photo.frame}") for photo in photos]
 

@@ -204,6 +204,7 @@ def import_photos(
             contradict each other, or a disk that is full or read-only.
     """
     settings = settings or ImportSettings()
+    # two imports at once would give a pose to two photographs
     with hold_folder(workspace.source_dir(settings.source)):
         return _import_photos(
             workspace,

@@ -82,6 +82,7 @@ def decide_pose(
     # name and order, and the nearest pose by the board
     claims = _collect_claims(evidence, how)
     match = match_pose(evidence.located.T_world_camera, plan.objects[group[0]]) if evidence.located else None
+    # renders decide only where nothing else does, or where that is asked for
     if how == "render" or (how == "auto" and match is None and not claims and by_render):
         return by_render(evidence, group) if by_render else Doubt("matching by render needs the object's mesh")
     if how in ("name", "order") or match is None:
