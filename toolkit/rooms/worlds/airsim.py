@@ -151,6 +151,7 @@ class Connection:
     def _receive(self, method: str) -> object:
         import msgpack
 
+        # a limit for the whole answer, however many pieces it comes in
         end = time.monotonic() + self.timeout_s
         while True:
             try:
@@ -443,6 +444,7 @@ class AirSim:
         Raises:
             ToolkitError: the camera never comes there, or a reply cannot be read.
         """
+        # pose and pictures come in the order in which the simulator gets them
         pose = camera_to_ned(T_world_camera, self.address.origin)
         self._call("simSetVehiclePose", pack_pose(pose), True, self.address.vehicle)
         miss = None

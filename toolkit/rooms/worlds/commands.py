@@ -40,6 +40,7 @@ def list_worlds(
 
     space = open_workspace(workspace)
     own = list_own_worlds(space)
+    # the studio comes first, though it is no world of these
     rows, skipped = [describe_studio()], []
     # a name in the workspace hides the built-in world of that name
     names = [*(name for name in WORLDS if name not in own), *own]
@@ -155,6 +156,7 @@ def export(
         raise FieldError("expected a file that ends in .glb", {"out": out})
     item.check()
     opened = open_world(space, world, seed, scale)
+    # without an object the world alone is written
     mesh, title = opened.mesh, opened.name
     # the sky plays no part in an export: the smallest will do
     if item.object_name is not None:

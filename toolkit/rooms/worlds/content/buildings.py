@@ -85,6 +85,7 @@ def flat_roof(roof: Roof, wall_skin: Skin, trim: Skin, looks: Looks, rng: Rng, *
 
 @painted("pad", 0.8)
 def pad_marks(rng: Rng) -> np.ndarray:
+    # from the ground up: edge, ground, ring, and the two posts of the H with its bar
     """The helicopter H in a ring, worn; fitted."""
     canvas = Canvas(2, 2, 256, (84, 98, 92), low=(-1, -1))
     canvas.rect(-0.97, -0.97, 0.97, 0.97, (236, 236, 230))
@@ -134,6 +135,7 @@ def fan(rng: Rng) -> np.ndarray:
     """A fan from above: the opening, six blades, the guard's rings."""
     canvas = Canvas(1, 1, 96, (150, 152, 150))
     canvas.disc(0.5, 0.5, 0.44, (40, 42, 44))
+    # six blades, each a triangle about the middle
     for k in range(6):
         a = 2 * np.pi * k / 6
         tips = [(0.5 + 0.4 * np.cos(b), 0.5 + 0.4 * np.sin(b)) for b in (a, a + 0.5)]
@@ -163,6 +165,7 @@ def stair_house(looks: Looks, rng: Rng) -> Piece:
     """The head of the stairs: a small brick house with a steel door."""
     skin = wall(looks, "render", (206, 204, 196))
     pieces = [
+        # walls, a roof that reaches out, and a door
         kit.boxes([-1.5, -1.4, 0], [1.5, 1.4, 2.7], skin, ROOF),
         kit.boxes([-1.65, -1.55, 2.7], [1.65, 1.55, 2.86], looks.plain((96, 96, 94)), ROOF, ()),
         kit.wall_quads((-0.45, 0.05, 0.45, 2.1), -1.41, looks.plain((104, 54, 46)), ROOF),
@@ -176,6 +179,7 @@ def staves(rng: Rng) -> np.ndarray:
     canvas = Canvas(1.2, 1.2, 128, (110, 78, 52))
     for k in range(10):
         tone = rng.uniform(0.75, 1.15)
+        # ten staves, each in a shade of its own
         canvas.rect(0.12 * k, 0, 0.12 * k + 0.11, 1.2, tuple(int(c * tone) for c in (118, 84, 56)))
     for z in (0.2, 0.6, 1.0):
         canvas.rect(0, z, 1.2, z + 0.035, (54, 52, 50))

@@ -231,6 +231,7 @@ def _scatter_trees(
     """Trees over an area outside a circle (x, y, radius), and further than `beside_m` to its sides."""
     x, y, width, depth = area
     standing: Standing = {}
+    # places are drawn for all, and those near the clearing are left out
     for _ in range(count):
         px, py = x + rng.uniform(2.5, width - 2.5), y + rng.uniform(2.5, depth - 2.5)
         if np.hypot(px - keep[0], py - keep[1]) > keep[2] + 4 and abs(px - keep[0]) > beside_m:

@@ -63,6 +63,7 @@ def build() -> Mesh:
 
 
 def _body() -> Parts:
+    # wall of the pot, its narrow foot, and a rim that is rolled over
     wall = [(BASE_RADIUS_MM - 3, 1.2), (BASE_RADIUS_MM - 0.6, 3), (BASE_RADIUS_MM, 6)]
     wall += [(_wall_radius(z), z) for z in np.linspace(12, HEIGHT_MM, 40)]
     foot_out, foot_in = BASE_RADIUS_MM - 3, BASE_RADIUS_MM - 8
@@ -82,6 +83,7 @@ def _wall_radius(z: float) -> float:
 
 def _lid() -> Parts:
     r = LID_RADIUS_MM
+    # the lid lies on the rim: its edge, a crown that rises to the middle, and the curve between
     edge = np.array([(r - 4, -0.2), (r - 0.8, 0), (r + 1, 1.4), (r + 1, 2.6), (r - 0.6, 3.8), (r - 2.5, 4.2)])
     flat = np.linspace(r - 7, 0, 12)
     crown = np.stack([flat, 7.6 + 2.5 * (1 - (flat / (r - 7)) ** 2)], axis=1)
@@ -97,6 +99,7 @@ def _hinge() -> Parts:
     turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     barrel = extrude(np.stack([4.0 * np.cos(turn), 4.0 * np.sin(turn)], axis=1).tolist(), 26, 0.8, TRIM, "trim")
     leaf = smooth_curve([(x + 7, 0, z + 2), (x - 1, 0, z + 4), (x - 4, 0, z + 12), (x - 12, 0, z + 20)], 24, False)
+    # thicker and wider where the thumb presses
     thickness = np.interp(np.linspace(0, 1, 24), [0, 0.3, 0.85, 0.96, 1], [2.2, 2.2, 2.6, 2.2, 1.2])
     widen = np.interp(np.linspace(0, 1, 24), [0, 0.4, 0.8, 1], [3.0, 2.2, 4.2, 3.2])
     return Parts(barrel.rotated("x", 90).moved(x, 13, z), _strap(leaf, thickness, thickness * widen))
@@ -146,6 +149,7 @@ def _handle() -> Parts:
         64, monotone=False,
     )  # fmt: skip
     t = np.linspace(0, 1, len(path))
+    # wider at both ends, where it is welded on
     radius = 6.6 + 3.0 * np.exp(-((t / 0.07) ** 2)) + 4.0 * np.exp(-(((1 - t) / 0.12) ** 2))
     return _strap(path, radius, radius * 1.5)
 

@@ -246,6 +246,7 @@ def surround(
     edges = [*(step for step in steps if step < reach_m), reach_m]
     rects = []
     for near, far in pairwise(edges):
+        # four strips round the ring before
         rects += [
             (x0 - far, y0 - far, x1 + far, y0 - near), (x0 - far, y1 + near, x1 + far, y1 + far),
             (x0 - far, y0 - near, x0 - near, y1 + near), (x1 + near, y0 - near, x1 + far, y1 + near),
@@ -300,6 +301,7 @@ def _outside(piece: Piece, spot: Spot) -> Piece:
 
 def tree_line(looks: Looks, rng: Rng, near: float, far: float, count: int) -> Piece:
     """Broad-leaved trees and spruces in a ring, in clumps."""
+    # angles are drawn about a few clumps
     clump = rng.uniform(0, 2 * np.pi, max(1, count // 9))
     angle = clump[rng.integers(0, len(clump), count)] + rng.normal(0, 0.07, count)
     distance = rng.uniform(near, far, count)
@@ -339,6 +341,7 @@ def hills(looks: Looks, rng: Rng) -> Piece:
 
 def _fence(looks: Looks) -> Piece:
     wood = looks.plain((150, 132, 108), "matte")
+    # a fence along two sides of the meadow
     x = np.arange(-58.0, 58.1, 2.9)
     post = kit.xyz(x, 40.0, 0.0)
     posts = np.concatenate([post, post[:, [1, 0, 2]]])
@@ -354,6 +357,7 @@ def _fence(looks: Looks) -> Piece:
 
 def _tuft(looks: Looks) -> Piece:
     rng = looks.rng("tuft")
+    # blades as thin triangles that lean outwards
     n = 26
     foot = np.column_stack([rng.normal(0, 0.16, (n, 2)), np.zeros(n)])
     lean = np.column_stack([rng.normal(0, 0.14, (n, 2)), rng.uniform(0.25, 0.6, n)])

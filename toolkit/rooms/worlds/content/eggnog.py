@@ -58,6 +58,7 @@ class LabelCanvas:
         """Mask of a filled ellipse with a smooth edge, turned clockwise."""
         cosine, sine = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
         reach = max(rx, ry)
+        # only the pixels round it are worked out
         window = self._window(x - reach, y - reach, x + reach, y + reach)
         dx, dy = self.x[window] - x, self.y[window] - y
         distance = np.hypot((cosine * dx + sine * dy) / rx, (cosine * dy - sine * dx) / ry)
@@ -191,11 +192,13 @@ def _draw_surface(canvas: LabelCanvas, rim: tuple[float, float], wide: float, s:
 
 
 def _draw_cinnamon(canvas: LabelCanvas, rim: tuple[float, float], s: float) -> None:
+    # from the surface of the drink to above the rim
     foot, tip = np.array([rim[0] + 0.04 * s, rim[1] + 0.03 * s]), np.array([rim[0] + 0.27 * s, rim[1] - 0.25 * s])
     along = (tip - foot) / np.linalg.norm(tip - foot)
     side = np.array([-along[1], along[0]]) * 0.038 * s
     stick = canvas.polygon([foot - side, tip - side, tip + side, foot + side])
     stick = np.maximum(stick, canvas.ellipse(foot[0], foot[1], 0.038 * s, 0.014 * s))
+    # across the stick, from -1 to 1: a round shade with a groove
     offset = ((canvas.x - foot[0]) * -along[1] + (canvas.y - foot[1]) * along[0]) / (0.038 * s)
     ridges = 1 - 0.35 * offset**2 - 0.22 * np.exp(-(((offset - 0.1) / 0.1) ** 2)) + 0.05 * np.sin(offset * 19)
     canvas.fill(stick, np.array([176, 98, 48]) * ridges.clip(0.3, 1.2)[..., None])
@@ -208,6 +211,7 @@ def _draw_cinnamon(canvas: LabelCanvas, rim: tuple[float, float], s: float) -> N
 def _draw_shine(
     canvas: LabelCanvas, rim: tuple[float, float], base: tuple[float, float], wide: float, narrow: float, s: float
 ) -> None:
+    # two streaks on the left, the third on the right
     for start, end, alpha in ((-0.80, -0.66, 0.75), (-0.58, -0.54, 0.45), (0.76, 0.84, 0.5)):
         top, bottom = rim[1] + 0.10 * s, base[1] - 0.03 * s
         streak = [(rim[0] + start * wide, top), (rim[0] + end * wide, top + 0.02 * s),
@@ -280,6 +284,7 @@ def paint_neck(width: int, height: int, px_per_mm: float) -> Image.Image:
     """Eggnog behind glass above the label: paler and full of bubbles where the foam floats."""
     canvas = LabelCanvas(width, height, px_per_mm, EGGNOG)
     w = canvas.size_mm[0]
+    # the foam's lower edge, in waves that close round the bottle
     edge = 15 + 1.2 * np.sin(canvas.x / w * 2 * np.pi * 5) + 0.7 * np.sin(canvas.x / w * 2 * np.pi * 13)
     canvas.fill(np.clip((edge - canvas.y) / 3, 0, 1), FOAM)
     rng = np.random.default_rng(4)

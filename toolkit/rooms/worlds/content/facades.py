@@ -110,6 +110,7 @@ def openings(cell: np.ndarray, style: Facade, looks: Looks, rng: Rng) -> Piece:
     x0, z0, x1, z1 = cell.T
     depth = style.recess_m
     panes = pane_sheet(looks, style.panes)
+    # four walls of the opening, from the face of the wall back to the pane
     front = np.stack([kit.xyz(x0, 0, z0), kit.xyz(x1, 0, z0), kit.xyz(x1, 0, z1), kit.xyz(x0, 0, z1)], 1)
     back = front + [0, depth, 0]
     sides = [np.stack([front[:, k], front[:, k - 3], back[:, k - 3], back[:, k]], 1) for k in range(4)]
@@ -150,6 +151,7 @@ def cornice(
 def _air_conditioners(cell: np.ndarray, looks: Looks) -> Piece:
     if not len(cell):
         return kit.EMPTY
+    # in the middle of the sill, half outside
     x = (cell[:, 0] + cell[:, 2]) / 2
     low, high = kit.xyz(x - 0.32, -0.34, cell[:, 1] + 0.02), kit.xyz(x + 0.32, 0.15, cell[:, 1] + 0.44)
     grille = kit.xyz(x - 0.26, -0.345, cell[:, 1] + 0.07), kit.xyz(x + 0.26, -0.34, cell[:, 1] + 0.39)
@@ -245,6 +247,7 @@ def lay_out_goods(canvas: Canvas, kind: str, span: tuple[float, float], floor: f
 
 def _shelves(canvas: Canvas, kind: str, span: tuple[float, float], floor: float, rng: Rng) -> None:
     board = (110, 78, 50) if kind != "boxes" else (206, 206, 204)
+    # boards as far apart as the goods are high
     pitch = {"bread": 0.42, "bottles": 0.5, "sweets": 0.36}.get(kind, 0.46)
     z = floor
     while z < 2.2:
@@ -460,7 +463,7 @@ def shop_skins(trade: Trade, looks: Looks) -> tuple[Skin, Skin]:
         sign = canvas.texture(0.03, rng)  # its draws follow those of the front
         return sign, (sign[::2, ::2] * 0.8).astype(np.uint8)
 
-    # front and sign share their draws, whichever is asked for first
+    # the front first, as the draws of the sign follow its own
     front = looks.paint(f"shop-{trade.name}", lambda _: _paint_front(trade, rng), 0.25)
     return front, looks.paint(f"sign-{trade.name}", paint_sign, 0.45)
 

@@ -42,6 +42,7 @@ def container_skin(looks: Looks, line: int) -> Skin:
 
     def paint(_: Rng) -> np.ndarray:
         canvas = Canvas(BOX_M[0], BOX_M[2], 40, colour)
+        # corrugations, darker in their folds
         for k in range(44):
             canvas.rect(0.1 + 0.275 * k, 0.15, 0.22 + 0.275 * k, BOX_M[2] - 0.12, tuple(int(c * 0.78) for c in colour))
         canvas.text(BOX_M[0] / 2, 1.45, name, 1.3, (238, 238, 232), fit_m=8)

@@ -50,6 +50,7 @@ def _repaint(texture: np.ndarray, turn_deg: tuple[float, float], rng: Rng) -> np
     axis = np.full(3, 1 / np.sqrt(3))
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     matrix = np.eye(3) + np.sin(turn) * cross + (1 - np.cos(turn)) * cross @ cross
+    # half of them are mixed with another colour as well
     shift = np.zeros(3)
     if rng.chance(0.5):
         share = rng.draw(0.15, 0.5)

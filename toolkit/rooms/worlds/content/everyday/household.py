@@ -45,6 +45,7 @@ def _legs(rng: Rng, half: tuple[float, float], high: float, thick: float, colour
     kind, parts = rng.pick(("square", "round", "tapered")), Parts()
     for x in (-1, 1):
         for y in (-1, 1):
+            # legs under the corners, splayed outwards at the floor
             top = np.array([x * half[0], y * half[1], high])
             foot = top * [1 + splay, 1 + splay, 0]
             if kind == "square" and splay == 0:
@@ -154,6 +155,7 @@ def make_bookcase(rng: Rng) -> Mesh:
 
 def _books(rng: Rng, half: float, deep: float, z: float, room: float) -> Parts:
     y, end, parts = -half, half * rng.draw(0.4, 1.0), Parts()
+    # books of many sizes, until the shelf is full to its end
     while y < end - 14:
         thick, tall = rng.draw(6, 14), room * rng.draw(0.7, 0.98)
         colour = rng.pick(PALETTES["bright"] + PALETTES["ceramic"] + PALETTES["dark"] + PALETTES["car"])
@@ -436,6 +438,7 @@ def make_hammer(rng: Rng) -> Mesh:
 def _claw_head(rng: Rng) -> Parts:
     """Face to +x, a split claw that curves down to -x."""
     metal, scale = rng.colour("steel", "dark"), rng.draw(0.9, 1.15)
+    # the face with its neck, the two halves of the claw, and the eye for the handle
     face = [*rod([(0, 0, 0), (26, 0, 0), (30, 0, 0), (46, 0, 0)], [14, 11, 10, 10], metal, "metal", 8, 14),
             *cylinder(15, 40, 54, metal, "metal", 18, bevel=3).rotated("y", 90)]  # fmt: skip
     claws = Parts()
@@ -587,6 +590,7 @@ def make_soccer_ball(rng: Rng) -> Mesh:
 def make_dice(rng: Rng) -> Mesh:
     """One to three cubes with rounded edges and pips."""
     ground = rng.colour("pale", "bright", "dark")
+    # pips light on a dark ground, dark on a light ground
     ink = (246, 244, 238) if sum(ground) < 440 else (22, 22, 24)
     if sum(ground) > 640 and rng.chance(0.3):
         ink = rng.colour("bright")
@@ -594,6 +598,7 @@ def make_dice(rng: Rng) -> Mesh:
     for k in range(rng.pick((1, 2, 2, 3))):
         die = _one_die(rng, ground, ink)
         die = die.rotated("z", rng.draw(0, 90))
+        # further dice at both sides of the first
         place = (0, 0, 0) if k == 0 else (rng.draw(-20, 20), (2 * k - 3) * rng.draw(92, 110), 0)
         parts += die.moved(*place)
     return finish(parts, 512)

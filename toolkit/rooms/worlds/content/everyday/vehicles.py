@@ -149,6 +149,7 @@ def make_gokart(rng: Rng) -> Mesh:
 def _driver(rng: Rng, at: tuple[float, float, float]) -> Parts:
     suit, helmet = rng.colour("bright", "dark"), rng.colour("bright", "pale")
     body = Parts(
+        # body, helmet and visor; arms to the wheel, legs forward
         ball(1, suit, "cloth", 14, 8, (15, 19, 30)).moved(-6, 0, 26),
         ball(15, helmet, "paint", 18, 10).moved(-8, 0, 70),
     )
@@ -208,6 +209,7 @@ def _cab(rng: Rng, colour: Colour, floor: float, rear: float) -> Parts:
         return Parts()
     low, top = floor + 14, floor + high
     parts = block((70, 64, 8), (rear + 18, 0, top + 3), rng.pick((colour, (240, 240, 236))), "paint", 3)
+    # posts of the cab, a little closer together at the roof
     for x in (rear - 12, rear + 46):
         path = [(x, 28, low), (x * 0.96, 26, top)]
         parts += rod(path, 2.8, rng.pick((colour, RUBBER)), "paint", segments=8).both_sides()

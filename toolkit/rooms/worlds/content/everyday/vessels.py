@@ -61,6 +61,7 @@ def _spout(
     points = [(x0, 0, z0), (x0 + (x1 - x0) * (0.3 + curl * 0.5), 0, z0 + (z1 - z0) * (0.3 - curl * 0.5)),
               (x0 + (x1 - x0) * 0.62, 0, z0 + (z1 - z0) * 0.6), (x1, 0, z1)]  # fmt: skip
     pipe = rod(points, [radius[0], radius[0] * 0.7 + radius[1] * 0.3, radius[1] * 1.1, radius[1]], colour, material)
+    # the mouth is a short dark pipe at the tip
     ahead = np.array([points[-1][0] - points[-2][0], 0, points[-1][2] - points[-2][2]])
     end = np.array([points[-1], points[-1] + 0.01 * ahead / np.linalg.norm(ahead) * 30])
     return Parts(pipe, rod(end, radius[1] * 0.75, (20, 18, 18), material))
@@ -78,6 +79,7 @@ def _loop(
 ) -> Parts:
     """A handle to -x from a high to a low place."""
     (x0, z0), (x1, z1) = top, low
+    # out, down and back to the wall
     points = [(x0, 0, z0), (x0 - reach * 0.8, 0, z0 + 0.05 * (z0 - z1)),
               (min(x0, x1) - reach, 0, z0 - 0.35 * (z0 - z1)),
               (min(x0, x1) - reach * 0.75, 0, z0 - 0.75 * (z0 - z1)), (x1, 0, z1)]  # fmt: skip
@@ -148,6 +150,7 @@ def _silver_pot(rng: Rng) -> Parts:
     belly, neck, high = rng.draw(52, 64), rng.draw(24, 32), rng.draw(175, 215)
     metal = rng.colour("steel", "brass", "ceramic")
     material = "metal" if max(metal) - min(metal) < 130 else "ceramic"
+    # a low foot, a wide belly, a slender neck
     wall = [(belly * 0.6, 0), (belly * 0.62, 5), (belly * 0.42, 14), (belly * 0.9, 36), (belly, 62),
             (neck + 8, high * 0.66), (neck, high * 0.86), (neck + 5, high)]  # fmt: skip
     lid = [(neck + 5, high), (neck + 1, high + 8), (neck * 0.6, high + 20), (3, high + 24)]
@@ -530,6 +533,7 @@ def _nog_bottle(rng: Rng) -> Parts:
     neck, cream = radius * rng.draw(0.45, 0.6), rng.vary(CREAM, 5)
     low, top = high * rng.draw(0.1, 0.2), high * rng.draw(0.42, 0.52)
     cap = rng.colour("bright", "brass")
+    # shoulder and neck above the label
     upper = [(radius, top), (radius, high * 0.56), (radius * 0.8, high * 0.68), (neck, high * 0.8), (neck, high * 0.9)]
     return Parts(
         cylinder(radius - 3, 0, low, cream, "glass", 32, radius),
