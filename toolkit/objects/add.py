@@ -59,6 +59,7 @@ class AddedObject:
     def lines(self) -> Iterator[str]:
         """Describe the object, a sentence a line."""
         item = self.item
+        # the mesh stands upright already: length, width and height on the table
         size_mm = " × ".join(f"{side:.0f}" for side in item.mesh.size_mm)
         yield f"added {item.name}, {item.spec.class_name}: {size_mm} mm, {len(item.mesh.faces):,} triangles"
         named = ", ".join(file.name for file in self.mesh_files[1:] if file not in self.unseen)
@@ -196,6 +197,7 @@ def find_named_files(mesh_file: Path) -> list[Path]:
     """
     if not mesh_file.is_file():
         return []  # reading reports it
+    # a mesh in a single file, such as STL, names no other
     suffix = mesh_file.suffix.lower()
     if suffix in (".glb", ".gltf"):
         return _check_files(mesh_file, named_files(mesh_file))
@@ -220,6 +222,7 @@ def _refuse_missing(mesh_file: Path, missing: list[str]) -> None:
 def _check_files(mesh_file: Path, names: Iterable[str]) -> list[Path]:
     folder = mesh_file.parent
     files: list[Path] = []
+    # names decoded as the format has them, each once
     for name in dict.fromkeys(names):
         try:
             file = inside(folder, name)

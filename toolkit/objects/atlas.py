@@ -85,6 +85,7 @@ def _row_extent(x: np.ndarray, y: np.ndarray, row: np.ndarray) -> tuple[np.ndarr
 
 def _runs(row: np.ndarray, left: np.ndarray, right: np.ndarray, n: int) -> np.ndarray:
     """(n · (n + 1),) starts and ends of the runs, which wrap from the right border to the left."""
+    # rows repeat with the texture, but v = 1 belongs to the border row
     row = np.where((row == n) | (row == -1), np.clip(row, 0, n - 1), row % n)
     whole = right - left + 1 >= n
     left, right = np.where(whole, 0, left), np.where(whole, n - 1, right)
@@ -92,6 +93,7 @@ def _runs(row: np.ndarray, left: np.ndarray, right: np.ndarray, n: int) -> np.nd
     left, right = left - shift, right - shift
     start = np.bincount(row * (n + 1) + left, minlength=n * (n + 1))
     stop = np.bincount(row * (n + 1) + np.minimum(right, n - 1) + 1, minlength=n * (n + 1))
+    # what reaches over the right border goes on at the left
     over = right >= n
     again = np.bincount(row[over] * (n + 1), minlength=n * (n + 1))
     again_stop = np.bincount(row[over] * (n + 1) + right[over] - n + 1, minlength=n * (n + 1))
@@ -296,6 +298,7 @@ def lay_picture(mesh: Mesh, pixels: np.ndarray, keep: Sequence[str] = ()) -> Mes
     Raises:
         ToolkitError: its coordinates carry no single picture, or as `choose_kept`.
     """
+    # where the picture goes
     worn = ~choose_kept(mesh, keep)
     if not _own_uv_serve(mesh, worn):
         raise ToolkitError(
@@ -383,6 +386,7 @@ def _own_uv_serve(mesh: Mesh, trained: np.ndarray) -> bool:
     uv = mesh.uv[mesh.faces[trained]]
     if len(sheets) > 1 or not np.isfinite(uv).all() or uv.min() < -UV_ROUNDING or uv.max() > 1 + UV_ROUNDING:
         return False
+    # a little of the surface without area on the texture may stay grey
     area = _surface(mesh, trained)
     return float(area[_uv_area(uv) <= 0].sum()) <= WITHOUT_UV * float(area.sum())
 
@@ -424,6 +428,7 @@ def _surface(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
 
 def split_vertices(mesh: Mesh, corner_uv: np.ndarray) -> Mesh:
     """Return the mesh with other texture coordinates; vertices whose faces differ in them are doubled."""
+    # a vertex and its coordinates, to the bit, name a new vertex
     index = mesh.faces.reshape(-1).astype(np.int64)
     bits = np.ascontiguousarray(corner_uv, np.float32).reshape(-1, 2).view(np.int32)
     first, inverse = group_rows([index, *bits.T])
@@ -440,6 +445,7 @@ def _share_sheet(mesh: Mesh, trained: np.ndarray, sheet: np.ndarray) -> Mesh:
     face_material = np.zeros(len(mesh.faces), np.int32)
     for index, material in enumerate(mesh.materials):
         of_it = mesh.face_material == index
+        # no metal: its gloss would have the texture's colour, which no linear view can hold
         looks = (material, replace(material, texture=sheet, metallic=0.0))
         for look, part in zip(looks, (of_it & ~trained, of_it & trained), strict=True):
             if part.any():

@@ -143,6 +143,7 @@ def to_glb(mesh: Mesh, name: str, units_per_m: float = MM_PER_M, lamps: bool = F
     def share_sheets(tree: dict[str, Any]) -> None:
         tree["samplers"] = [SAMPLER]
         for texture in tree["textures"]:
+            # as in the rig, textures repeat and are blended
             texture["sampler"] = 0
         # materials that share a picture name the same texture
         written: dict[int, dict[str, int]] = {}
@@ -237,6 +238,7 @@ def to_3mf(mesh: Mesh, name: str) -> bytes:
         materials = [i for i, picture_id in enumerate(picture_of) if picture_id == known]
         rows = np.flatnonzero(np.isin(mesh.face_material[kept], materials))
         if not len(rows):
+            # pictures are stored apart from the mesh, as parts of the package
             continue
         picture = mesh.materials[picture_of.index(known)].texture
         part = model.AddAttachment(f"/3D/Textures/{number}.png", TEXTURE_PART)

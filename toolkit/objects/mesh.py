@@ -423,6 +423,7 @@ GEOMETRY = ("vertices", "normals", "uv", "faces", "face_material")
 
 def pack_mesh(mesh: Mesh) -> dict[str, np.ndarray]:
     """A mesh as plain arrays, for `unpack_mesh`; materials that share a picture do so again."""
+    # by identity: a picture that is shared is stored once
     pictures = {id(image): image for m in mesh.materials for image in (m.texture, m.emission) if image is not None}
     number = {key: k for k, key in enumerate(pictures)}
     materials = [

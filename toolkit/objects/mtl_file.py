@@ -77,10 +77,12 @@ def decode_text(content: bytes) -> str:
 def _decode(content: bytes) -> str:
     for mark, encoding in BYTE_ORDER_MARKS:
         if content.startswith(mark):
+            # a mark at the beginning states the encoding
             return content[len(mark) :].decode(encoding, "replace")
     zeros = [content[start : 1 << 12 : 2].count(0) for start in (0, 1)]
     if max(zeros) > len(content[: 1 << 12]) // 8:  # every other byte of English in UTF-16 is zero
         return content.decode("utf-16-be" if zeros[0] > zeros[1] else "utf-16-le", "replace")
+    # otherwise UTF-8, unless it is no valid text
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError:

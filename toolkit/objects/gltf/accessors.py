@@ -68,6 +68,7 @@ def _replace(document: Document, values: np.ndarray, sparse: dict[str, Any], nam
     rows = _cut(document, where, (count, 1), kind, name)[:, 0]
     if count and rows.max() >= len(values):
         raise DamagedGltf(f"{name} is sparse beyond its {len(values)} rows")
+    # the view may be another accessor's too
     values = values.copy()
     values[rows] = _cut(document, what, (count, values.shape[1]), values.dtype.str, name)
     return values

@@ -56,6 +56,7 @@ class Document:
         """(n,) uint8 bytes of a buffer view, decompressed."""
         view = self.row("bufferViews", index)
         if index not in self._views:
+            # compressed in either spelling of the extension
             name, packed = next(((name, found) for name in MESHOPT if (found := extension(view, name))), ("", None))
             if packed is None:
                 self._views[index] = self._cut(view, index)
@@ -76,6 +77,7 @@ class Document:
     def _buffer(self, index: Any) -> np.ndarray:
         buffer = self.row("buffers", index)
         if index not in self._buffers:
+            # a GLB's first buffer is its own binary chunk
             uri = buffer.get("uri")
             if uri is None and index == 0:
                 self._buffers[index] = self.binary
@@ -139,6 +141,7 @@ def read_document(path: Path) -> Document:
     """
     try:
         with open_plain(path) as file:
+            # its bytes tell a GLB, whatever its name ends in
             head = file.read(4)
             is_binary = head == MAGIC
             content = head + (file.read() if is_binary else file.read(MOST_TEXT_BYTES))

@@ -42,6 +42,7 @@ def read_primitive(document: Document, placed: PlacedMesh, primitive: dict[str, 
     Raises:
         DamagedGltf: accessors of different lengths, or indices that do not make triangles.
     """
+    # points and lines have no surface
     mode = primitive.get("mode", TRIANGLES)
     named = primitive.get("attributes")
     if mode not in (TRIANGLES, STRIP, FAN) or not isinstance(named, dict) or "POSITION" not in named:
@@ -62,6 +63,7 @@ def read_primitive(document: Document, placed: PlacedMesh, primitive: dict[str, 
     colours, alpha = _read_colours(attributes)
     return Primitive(
         vertices,
+        # a mirror turns triangles inside out, so that they are turned back
         faces[:, ::-1] if is_mirrored else faces,
         {int(name[9:]): uv[:, :2] for name, uv in attributes.items() if name[:9] == "TEXCOORD_" and name[9:].isdigit()},
         colours,
@@ -139,6 +141,7 @@ def _place(position: np.ndarray, placed: PlacedMesh, attributes: dict[str, np.nd
 
     if placed.T_scene_joints is not None and "JOINTS_0" in attributes:
         return _bend(position, placed.T_scene_joints, attributes), False
+    # a mesh in its place already stays bit for bit as it is
     T_scene_mesh = placed.T_scene_mesh
     if np.allclose(T_scene_mesh, np.eye(4), rtol=0, atol=1e-8):
         return position, False

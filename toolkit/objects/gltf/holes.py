@@ -80,6 +80,7 @@ def _share_solid(corners: np.ndarray, counts: np.ndarray) -> np.ndarray:
 def _blend(alpha: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Alpha at texel coordinates (..., 2), blended between texels."""
     base = np.floor(places).astype(np.int64)
+    # the texture repeats at its borders
     (fx, fy), (x, y) = np.moveaxis(places - base, -1, 0), np.moveaxis(base, -1, 0)
     height, width = alpha.shape
     x0, x1, y0, y1 = x % width, (x + 1) % width, y % height, (y + 1) % height

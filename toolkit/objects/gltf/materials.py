@@ -186,6 +186,7 @@ def _bake(
     picture: GltfPicture, corner_uv: np.ndarray, colours: np.ndarray | None, factor: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Multiply a picture, the colours of the corners and the factor into a new picture, face by face."""
+    # a face is baked as finely as its longest edge has texels
     edges = np.abs(corner_uv - np.roll(corner_uv, 1, axis=1)) * picture.size
 
     def colour_at(face: np.ndarray, weights: np.ndarray) -> np.ndarray:

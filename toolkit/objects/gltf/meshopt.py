@@ -155,9 +155,11 @@ def _decode_sequence(content: bytes, count: int) -> list[int]:
     if content[0] & 0xF0 != 0xD0 or content[0] & 15 > 1:
         raise ValueError("no indices")
     at, last, out = 1, [0, 0], []
+    # two runs of numbers, told apart by the lowest bit
     for _ in range(count):
         value, at = _read_vbyte(content, at)
         which, value = value & 1, value >> 1
+        # zigzag: the lowest bit is the sign
         last[which] = last[which] + (value >> 1 ^ -(value & 1)) & 0xFFFFFFFF
         out.append(last[which])
     return out

@@ -119,4 +119,5 @@ def _place_joints(document: Document, index: Any, placed: dict[int, np.ndarray])
     inverse = read_accessor(document, skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
     if len(inverse) < len(T_scene_joints):
         raise DamagedGltf(f"skin {index} has fewer matrices than joints")
+    # joints move from their rest, which the inverse matrices undo
     return T_scene_joints @ inverse[: len(T_scene_joints)].astype(np.float64)

@@ -65,6 +65,7 @@ class Pictures:
             ToolkitError: it is missing, empty or damaged; the message names it.
         """
         texture = self.document.row("textures", index)
+        # with alpha and without are decoded apart
         key = (index, with_alpha)
         if key not in self._decoded:
             picture = self._decode(texture, with_alpha)
@@ -103,6 +104,7 @@ class Pictures:
     def _load(self, index: Any, with_alpha: bool) -> GltfPicture:
         image = self.document.row("images", index)
         name = str(self.document.path)
+        # inside the file, or a file beside it
         if "bufferView" in image:
             content = self.document.view(image["bufferView"]).tobytes()
         else:
@@ -156,6 +158,7 @@ def lay_out(picture: GltfPicture, uv: np.ndarray) -> tuple[GltfPicture, np.ndarr
         first, behind = (0, 2 * size) if wrap == MIRROR else (int(np.floor(low - 0.5)), int(np.ceil(high + 0.5)) + 1)
         if not size or behind - first > min((MOST_TILES + 1) * size + 4, MAX_TEXTURE_PX):
             return None
+        # how the sampler counts beyond the picture
         index = wrap_index(np.arange(first, behind), size, wrap)
         picture = picture.pick(partial(np.take, indices=index, axis=1 - axis))
         uv[..., axis] = (uv[..., axis] * size - first) / (behind - first)
@@ -175,6 +178,7 @@ def wrap_index(index: np.ndarray, size: int, wrap: int) -> np.ndarray:
 def look_up(picture: GltfPicture, uv: np.ndarray) -> np.ndarray:
     """(n, 3) linear light at (n, 2), v down, blended between texels."""
     width, height = picture.size
+    # texel centres are at halves
     x, y = (uv * [width, height] - 0.5).T
     left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     found = np.zeros((len(uv), 3), np.float32)

@@ -101,6 +101,7 @@ def _check_nodes(document: Document) -> None:
     parts, faces = [], []
     for mesh in meshes:
         drawn = rows(mesh, "primitives")
+        # without indices, vertices themselves in threes
         shapes = [_at(accessors, drawing.get("indices", _named(drawing).get("POSITION"))) for drawing in drawn]
         parts.append(len(drawn))
         faces.append(sum(_count(shape.get("count")) for shape in shapes) // 3)

@@ -85,9 +85,9 @@ def flat_roof(roof: Roof, wall_skin: Skin, trim: Skin, looks: Looks, rng: Rng, *
 
 @painted("pad", 0.8)
 def pad_marks(rng: Rng) -> np.ndarray:
-    # from the ground up: edge, ground, ring, and the two posts of the H with its bar
     """The helicopter H in a ring, worn; fitted."""
     canvas = Canvas(2, 2, 256, (84, 98, 92), low=(-1, -1))
+    # from the bottom to the top: edge, ground, ring, and the two posts of the H with its bar
     canvas.rect(-0.97, -0.97, 0.97, 0.97, (236, 236, 230))
     canvas.rect(-0.93, -0.93, 0.93, 0.93, (74, 92, 84))
     canvas.disc(0, 0, 0.8, (244, 206, 40), ring_m=0.07)
