@@ -112,6 +112,7 @@ def introduce(
     """
     names, plain = describe_targets(targets), [target.classifier.name for target in targets]
     # networks with a part of their own come first, so that they are named
+    # `__contains__` is true for a plain name, and true sorts last
     names.sort(key=plain.__contains__)
     line = (
         f"training a {kind} for class {targets[0].label}: {size_px} × {size_px} px, {config.steps} steps of "
@@ -139,6 +140,7 @@ def train_booster(
         ToolkitError: a checkpoint cannot be used, the loss is not finite, or the disk is full.
     """
     checkpoint = Checkpoint(task.files.training, task.key, restart, checkpoint_every_s, tuple(shared))
+    # the fit returns what the task made, or what an earlier run left
     fitted = fit(task, task.fit_config, checkpoint)
     return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
 
@@ -197,6 +199,7 @@ def write_preview(file: Path, sheet: np.ndarray) -> None:
 def _draw_photos(
     sheet: Image.Image, photos: torch.Tensor, target: Target, top_px: int, gap_px: int, side_px: int
 ) -> None:
+    # the network sees what the reader sees
     chances = predict(photos, target.classifier).softmax(1)
     for k, (photo, chance) in enumerate(zip(photos, chances, strict=True)):
         row, column = divmod(k, COLUMNS)

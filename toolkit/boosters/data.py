@@ -128,6 +128,7 @@ def choose_images(
         others = f" ({len(found.others)} other files)" if found.others else ""
         raise FieldError(f"no images in it{others}: expected .jpg, .png, .webp, .tif or .heic files", {field: folder})
     # images of the class are recognised by a folder's name, the given folder's too
+    # the given folder may itself be that of the class
     inside_class = plain_name(real_path(folder).name) in names
     own = tuple(
         parts for parts in found.images if inside_class or any(plain_name(part) in names for part in parts[:-1])
@@ -169,6 +170,7 @@ def load_files(
     Raises:
         ToolkitError: none of them can be read.
     """
+    # cut later, at random: the whole square is kept
     square = replace(how, crop_px=how.resize_px)
     images: list[np.ndarray] = []
     hashes: list[str] = []
@@ -352,6 +354,7 @@ FEW_IMAGES = 32
 
 def describe_data(data: TrainingData) -> None:
     """Print what is taken of folders; of renders there are as many as are asked for."""
+    # renders are as many as were asked for, so that there is nothing to tell of them
     folders = [source for source in data.record["sources"] if not is_rig_source(source["source"])]
     for source in folders:
         what = "of the class" if source["use"] == "class" else "as backgrounds, whatever they show"

@@ -177,6 +177,7 @@ def batch_views(
         half: keep light in half precision, for many views.
     """
     precision = np.float16 if half else np.float32
+    # a photograph may stand behind, in place of table and room
     pairs = list(zip(views, behind or [None] * len(views), strict=True))
     still = np.stack(
         [
@@ -266,6 +267,7 @@ def _show_repainted(texture: "torch.Tensor", batch: ViewBatch, light: "torch.Ten
 def show_linear(linear: "torch.Tensor", batch: ViewBatch, light: "torch.Tensor | float" = 1.0) -> "torch.Tensor":
     """`show_texture` of linear colours, differentiable as it is."""
     count, height, width, _ = batch.still.shape
+    # a factor for each colour of each view
     factor = torch.as_tensor(light, dtype=linear.dtype, device=linear.device).expand(count, 3, 1, 1).flatten(1)
     photos = torch.stack([tone_map(still * scale) for still, scale in zip(batch.still, factor, strict=True)]).view(
         -1, 3

@@ -211,6 +211,7 @@ def show_mounted(
         (b, 3, image_px, image_px) sRGB-encoded in [0, 1], differentiable in `patch`.
     """
     batch = views.batch.cut(which, corners, image_px, patch.dtype)
+    # weather acts on light, before the camera develops it
     if through is not None:
         batch = batch.through(*through)
     # in linear light, in which views are linear in the paper's colours
@@ -276,6 +277,7 @@ def draw_mounted(
     views: MountedViews, draws: Draws, count: int, image_px: int, weather: ViewWeather | None = None
 ) -> DrawnViews:
     """A batch of random views at random cuts in the weather that is drawn for them."""
+    # views, cuts and weather of a step, all from its own draws
     rng = draws.of("mounted")
     which, corners = draw_cuts(views, rng, count, image_px)
     through = None

@@ -129,6 +129,7 @@ class TrainedPatch(TrainedBooster):
         """On the object if it was put on an object: that is what a camera sees. The record has the rest."""
         on_object, flat = ("grey paper", "patch"), ("without", "with the patch")
         if self.on_object:
+            # a patch that was mounted is judged there, any other where it was pasted
             yield compare_shares("correct on the object", self.on_object, on_object)
             if self.in_weather:
                 yield compare_shares("correct in its weather", self.in_weather, on_object)
@@ -140,6 +141,7 @@ class TrainedPatch(TrainedBooster):
 
     def warnings(self) -> Iterator[str]:
         """Warnings before printing."""
+        # told where the patch is not shown to help: printing it would be in vain
         if any(answer.falls_short for answer in self.on_object):
             is_far = self.patch.record.settings["mounted_fill"][0] < NEAR[0]
             nearer = f"views from nearer (--mounted-fill {NEAR[0]} {NEAR[1]}), " if is_far else ""
@@ -309,6 +311,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
         lines, views = introduce("patch", self.config, self.config.size_px, self.targets), self._held_out_views
         if views is None:
             return lines
+        # grey paper shows what the sheet alone does
         (known,) = recognise_mounted([grey_paper(self.pixels)], views, self.targets, self.image_px)
         pairs = zip(self.targets, known, strict=True)
         before = [f"{target.classifier.name} {share.hits} of {share.n} held-out views" for target, share in pairs]

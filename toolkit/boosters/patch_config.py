@@ -122,6 +122,7 @@ class PatchConfig(PixelConfig):
 
     def penalty(self) -> "Callable[[torch.Tensor], torch.Tensor] | None":
         """Θ -> the weighted losses of the patch itself, a scalar; None where both weigh nothing."""
+        # a weight of 0 leaves its loss out, which costs time
         if not (self.tv_weight or self.printability_weight):
             return None
 
@@ -213,6 +214,7 @@ def size_by_spec(overrides: Mapping[str, Any], spec: ObjectSpec) -> dict[str, An
 
     If there are several sheets, the first sheet's width counts: inks bleed by its millimetres on a texel.
     """
+    # the size that was asked for, else that of the object's spec
     size_mm = overrides.get("size_mm") or spec.mounts[0].size_mm
     if size_mm is None:
         return dict(overrides)
@@ -259,6 +261,7 @@ def non_printability(patch: "torch.Tensor") -> "torch.Tensor":
     """
     from toolkit.imaging.printer import nearest_printable
 
+    # a row for each texel
     colours = patch.flatten(1).T
     nearest = nearest_printable(colours.detach().double().cpu().numpy())
     apart = colours - torch.as_tensor(nearest, dtype=patch.dtype, device=patch.device)

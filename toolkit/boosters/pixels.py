@@ -162,6 +162,7 @@ def smooth_gradient(gradient: torch.Tensor, sigma_px: float) -> torch.Tensor:
         return gradient
     from toolkit.models.vision import torchvision
 
+    # three standard deviations hold nearly all of the weight
     reach = min(int(3 * sigma_px) + 1, gradient.shape[-1] - 1)
     kernel_px = [2 * reach + 1] * 2
     return torchvision.transforms.functional.gaussian_blur(gradient, kernel_px, [sigma_px, sigma_px])
@@ -340,6 +341,7 @@ def resolve_targets(networks: Sequence[Network], class_name: str | int) -> list[
     Raises:
         ToolkitError: a network does not know it, or cannot be trained against.
     """
+    # refused before anything is rendered
     for network in networks:
         if network.untrainable:
             raise FieldError(
@@ -372,6 +374,7 @@ def list_networks(targets: list[Target]) -> list[list[object]]:
     """The networks and their classes, as hashes of inputs name them; of programs also what a TOML says of images."""
     rows: list[list[object]] = []
     for target in targets:
+        # classifiers are known by weights and class; a program's TOML decides what it is shown
         network = target.classifier
         said: list[object] = [network.preprocessing.describe()] if is_program(network.arch) else []
         said += [{"turns": target.turns}] if target.turns != 1 else []

@@ -389,6 +389,7 @@ class TextureTask(SurfaceTask[TrainedTexture]):
 def take_photos(texture: torch.Tensor, batch: ViewBatch, config: TextureConfig, draws: Draws) -> torch.Tensor:
     """Photographs (b, 3, s, s) of a dilated texture as the camera of `config` gives them, sRGB-encoded in [0, 1]."""
     count = len(batch)
+    # in the order in which they happen: ink, light, and the camera
     for printer in config.transforms("print"):
         texture = printer.change(texture, printer.rng(draws))
     light: torch.Tensor | float = 1.0

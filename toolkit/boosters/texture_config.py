@@ -149,6 +149,7 @@ class TextureConfig(PixelConfig):
     )
 
     @model_validator(mode="after")
+    # settings that are right by themselves and contradict each other
     def _check_together(self) -> "TextureConfig":
         if self.keep_image is not None and len(self.objects) > 1:
             expected = "{keep_image} is of one object's texture coordinates: train one object, or use {keep}"
