@@ -128,7 +128,6 @@ def choose_images(
         others = f" ({len(found.others)} other files)" if found.others else ""
         raise FieldError(f"no images in it{others}: expected .jpg, .png, .webp, .tif or .heic files", {field: folder})
     # images of the class are recognised by a folder's name, the given folder's too
-    # the given folder may itself be that of the class
     inside_class = plain_name(real_path(folder).name) in names
     own = tuple(
         parts for parts in found.images if inside_class or any(plain_name(part) in names for part in parts[:-1])

@@ -93,8 +93,8 @@ def gather_view(workspace: Workspace, name: str | None = None, sources: Sequence
         poses = plan.objects.get(item.name, ())
         frusta = [Frustum(f"/plan/pose {pose.id}", pose.matrix(), fov, aspect) for pose in poses]
     # images with a known camera
-    # without a source named, all that lie there
     left_out = list[tuple[str, str]]()
+    # without a source named, all that lie there
     if sources or (workspace.captures_dir.is_dir() and find_files(workspace.captures_dir).images):
         found = read_captures(workspace.captures_dir, Selection(tuple(sources), (), ()))
         for capture in found.captures:
@@ -132,8 +132,8 @@ def show_view(server: "viser.ViserServer", view: View3d) -> None:
     scene = server.scene
     scene.set_up_direction("+z")
     # distance of the farthest camera, metres, and at least twice the object's longest side
-    # in millimetres; the viewer's scene is in metres
     far = [float(np.linalg.norm(frustum.T_world_camera[:3, 3])) for frustum in view.frusta]
+    # in millimetres; the viewer's scene is in metres
     reach = max([*far, 2 * float(view.item.mesh.size_mm.max())]) / MM_PER_M
     scene.add_grid("/table", width=2 * reach, height=2 * reach, cell_size=reach / 20, section_size=reach / 4)
     server.initial_camera.position = (1.5 * reach, 0.9 * reach, 0.9 * reach)

@@ -122,8 +122,8 @@ def light_mesh(mesh: Mesh, paint: PackedPaint, light: BakedLight, stand: Stand) 
     # files may hold NaN, which a kernel without checks must never meet
     corners[:, :3], corners[:, 3:] = np.nan_to_num(mesh.normals), np.nan_to_num(mesh.uv).clip(-1e6, 1e6)
     return LitMesh(
-        # looks of each material, by its number
         faces=faces, corners=corners, texture=paint.texture,
+        # looks of each material, by its number
         roughness=np.array([m.roughness for m in materials], np.float32),
         metallic=np.array([m.metallic for m in materials], np.float32),
         finely=np.array([bool(m.sheet) for m in materials]),

@@ -162,10 +162,9 @@ def air_conditioner(looks: Looks, rng: Rng) -> Piece:
 
 
 def stair_house(looks: Looks, rng: Rng) -> Piece:
-    """The head of the stairs: a small brick house with a steel door."""
+    """The head of the stairs: a small rendered house with a door."""
     skin = wall(looks, "render", (206, 204, 196))
     pieces = [
-        # walls, a roof that reaches out, and a door
         kit.boxes([-1.5, -1.4, 0], [1.5, 1.4, 2.7], skin, ROOF),
         kit.boxes([-1.65, -1.55, 2.7], [1.65, 1.55, 2.86], looks.plain((96, 96, 94)), ROOF, ()),
         kit.wall_quads((-0.45, 0.05, 0.45, 2.1), -1.41, looks.plain((104, 54, 46)), ROOF),

@@ -164,7 +164,6 @@ def boats(looks: Looks, rng: Rng) -> Piece:
         kit.revolved([(1.0, 7.6), (0.9, 11.0), (0.6, 11.0)], 12, looks.plain((226, 150, 30)), V),
     )
     # a yacht, moored without sails or sailing with two
-    # triangles as quads with two corners in the same place
     jib = np.array([
         [(4.6, 0, 1.4), (0.4, 0.02, 1.8), (0.3, 0.02, 11.0), (0.3, 0.02, 11.0)],
         [(0.0, 0, 1.9), (-4.4, 0.1, 1.9), (0.0, 0, 12.6), (0.0, 0, 12.6)],

@@ -427,7 +427,6 @@ def car_ends(paint: VehiclePaint, rng: Rng) -> None:
     """Lamps, grille, bumpers, number plates, and what of them shows from the side."""
     body, w, half = paint.body, paint.body.width / 2, paint.body.length / 2
     # grille with bars, and the air intake below it
-    # heights of the grille follow from the bonnet
     nose = float(body.top(half - 0.12))
     z0, z1 = nose - 0.2, nose - 0.02
     paint.rect("front", (-w * 0.5, z0 - 0.02), (w * 0.5, z1 - 0.01), (20, 20, 22))
@@ -436,7 +435,6 @@ def car_ends(paint: VehiclePaint, rng: Rng) -> None:
         paint.line("front", [(-w * 0.48, z), (w * 0.48, z)], 0.014, (150, 152, 154))
     paint.rect("front", (-w * 0.62, 0.3), (w * 0.62, 0.44), (24, 24, 26))
     # lamps on both sides, front and rear
-    # rear lamps end below the boot's edge
     tail = min(float(body.top(-half + 0.1)), body.belt) - 0.02
     for side in (1, -1):
         lamp = [
@@ -500,8 +498,7 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
     if kind == "police":
         paint.rect("left right", (-0.98, 0.25), (1.1, body.belt), (238, 238, 236))
         paint.text("left right", (0.06, body.belt - 0.3), "POLICE", 0.34, (20, 36, 96))
-    # glass, lamps and doors are the same for all kinds
-    # longer bodies have a pillar more
+    # glass, lamps and doors are the same for all kinds; longer bodies have a pillar more
     rear_pillar = () if body in (SEDAN, HATCH) else (body.seams[0] - 0.75,)
     _car_glass(paint, body.seams[:-1] + rear_pillar)
     car_ends(paint, rng)

@@ -131,7 +131,7 @@ def make_dining_table(rng: Rng) -> Mesh:
 
 def make_bookcase(rng: Rng) -> Mesh:
     """Upright sides and shelves with a back, filled with books of many colours."""
-    # half the width, depth and height
+    # half of the width; depth and height
     half, deep, high = rng.draw(60, 100), rng.draw(30, 42), rng.draw(200, 260)
     # now and then low and wide
     if rng.chance(0.25):

@@ -148,8 +148,8 @@ def make_gokart(rng: Rng) -> Mesh:
 
 def _driver(rng: Rng, at: tuple[float, float, float]) -> Parts:
     suit, helmet = rng.colour("bright", "dark"), rng.colour("bright", "pale")
+    # body, helmet and visor; arms to the wheel, legs forward
     body = Parts(
-        # body, helmet and visor; arms to the wheel, legs forward
         ball(1, suit, "cloth", 14, 8, (15, 19, 30)).moved(-6, 0, 26),
         ball(15, helmet, "paint", 18, 10).moved(-8, 0, 70),
     )
