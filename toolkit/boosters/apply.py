@@ -45,6 +45,7 @@ def apply_patch(
         return images
     ranges = AffineRanges() if placement is None else placement
     (height, width), n = images.shape[-2:], patch.shape[-1]
+    # placements are drawn in the central square, then moved with it
     T_image_patch = _draw_placements(ranges, seed, len(images), n, min(height, width))
     # moves x and y by a multiple of w: right for projective placements as well
     T_image_patch[:, 0] += (width - min(height, width)) / 2 * T_image_patch[:, 2]
@@ -79,6 +80,7 @@ def _find_scales(placement: Placer, patch_px: int, image_px: int) -> tuple[float
 def _check_shapes(
     images: "torch.Tensor", patch: "torch.Tensor", seed: int | Sequence[int], mask: "torch.Tensor | None"
 ) -> None:
+    # shapes are checked here, as anybody may call this with tensors of their own
     if images.ndim != 4 or images.shape[1] != 3 or not images.is_floating_point():
         found = f"{tuple(images.shape)} {images.dtype}"
         raise ToolkitError(f"images: expected (b, 3, h, w) float in [0, 1], got {found}: convert them first")
@@ -118,6 +120,7 @@ def boost_images(
     Returns:
         (b, 3, m, m) sRGB-encoded in [0, 1], differentiable in both.
     """
+    # each image is placed by its own seed, whatever else is in the batch
     T_image_patch = placement.place_seeded(seeds, pictures.shape[-1], images.shape[-1])
     paper, mask = warp_patch(pictures, T_image_patch, images.shape[-1], placement.scale)
     return (images * (1 - mask) + paper).clamp(0, 1)

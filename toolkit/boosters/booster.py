@@ -84,6 +84,7 @@ class BoosterTask(PixelTask[Trained]):
             figures: for `final`, after the last losses.
             shares: what the networks said, by where they were asked, for `final` as well.
         """
+        # losses are averaged over the last steps, as a single step is noisy
         final = history.recent(self.recent) | dict(figures)
         for where, validations in shares.items():
             final |= list_shares(list(validations), where)
@@ -111,6 +112,7 @@ def introduce(
     """
     names, plain = describe_targets(targets), [target.classifier.name for target in targets]
     # networks with a part of their own come first, so that they are named
+    # `__contains__` is true for a plain name, and true sorts last
     names.sort(key=plain.__contains__)
     line = (
         f"training a {kind} for class {targets[0].label}: {size_px} × {size_px} px, {config.steps} steps of "
@@ -138,6 +140,7 @@ def train_booster(
         ToolkitError: a checkpoint cannot be used, the loss is not finite, or the disk is full.
     """
     checkpoint = Checkpoint(task.files.training, task.key, restart, checkpoint_every_s, tuple(shared))
+    # the fit returns what the task made, or what an earlier run left
     fitted = fit(task, task.fit_config, checkpoint)
     return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
 
@@ -196,6 +199,7 @@ def write_preview(file: Path, sheet: np.ndarray) -> None:
 def _draw_photos(
     sheet: Image.Image, photos: torch.Tensor, target: Target, top_px: int, gap_px: int, side_px: int
 ) -> None:
+    # the network sees what the reader sees
     chances = predict(photos, target.classifier).softmax(1)
     for k, (photo, chance) in enumerate(zip(photos, chances, strict=True)):
         row, column = divmod(k, COLUMNS)
@@ -204,6 +208,7 @@ def _draw_photos(
         if picture.width != side_px:
             picture = picture.resize((side_px, side_px), Image.Resampling.LANCZOS)
         sheet.paste(picture, corner)
+        # green for the class, red for any other answer
         best = int(chance.argmax())
         colour = RIGHT if best == target.class_index else WRONG
         caption = _shorten(target.classifier.labels[best], f" {float(chance[best]):.0%}", side_px)

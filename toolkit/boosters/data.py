@@ -47,6 +47,7 @@ def draw_batch(images: "torch.Tensor", rng: np.random.Generator, count: int, ima
     if count == 0:
         return torch.empty(0, 3, image_px, image_px, device=images.device)
     which = rng.choice(len(images), count, replace=count > len(images))
+    # where to cut and whether to mirror, for each image
     corners = rng.integers(0, images.shape[-1] - image_px + 1, (count, 2))
     mirrored = rng.random(count) < 0.5
     cuts = [images[k, :, y : y + image_px, x : x + image_px] for k, (y, x) in zip(which, corners, strict=True)]
@@ -168,6 +169,7 @@ def load_files(
     Raises:
         ToolkitError: none of them can be read.
     """
+    # cut later, at random: the whole square is kept
     square = replace(how, crop_px=how.resize_px)
     images: list[np.ndarray] = []
     hashes: list[str] = []
@@ -198,10 +200,12 @@ def choose_object(workspace: Workspace, source: str, names: frozenset[str]) -> s
     Raises:
         ToolkitError: there is none, or several have that class.
     """
+    # a name after the colon wins
     _, colon, name = source.partition(":")
     if colon:
         workspace.object_spec(name)
         return name
+    # else the only object whose class is meant
     specs = {name: read_spec(file) for name, file in workspace.object_specs().items()}
     fitting = [
         name for name, spec in specs.items() if spec.mesh and str(spec.class_name).lower().replace("_", " ") in names
@@ -222,6 +226,7 @@ def load_renders(workspace: Workspace, name: str, count: int, *, seed: int, how:
     see the images that it began with.
     """
     spec_file = workspace.object_spec(name)
+    # a mesh file counts by its bytes, a built-in object by its name
     spec = read_spec(spec_file)
     mesh = spec.mesh
     if not mesh.startswith("builtin:") and (path := inside(spec_file.parent, mesh)).is_file():
@@ -301,6 +306,7 @@ def load_data(
     Raises:
         ToolkitError: a source has no images that can be used.
     """
+    # the number of images is shared evenly between the sources
     shares = [len(part) for part in np.array_split(np.arange(config.images), len(config.sources))]
     loaded: list[Loaded] = []
     for k, (source, count) in enumerate(zip(config.sources, shares, strict=True)):
@@ -320,6 +326,7 @@ def divide_images(loaded: list[Loaded], config: DataConfig) -> TrainingData:
     train: list[np.ndarray] = []
     held_out: list[np.ndarray] = []
     for source in loaded:
+        # the first fifth of each source, so that each is in both parts
         count = count_held_out(len(source.images))
         held_out.append(source.images[:count])
         train.append(source.images[count:])
@@ -346,6 +353,7 @@ FEW_IMAGES = 32
 
 def describe_data(data: TrainingData) -> None:
     """Print what is taken of folders; of renders there are as many as are asked for."""
+    # renders are as many as were asked for, so that there is nothing to tell of them
     folders = [source for source in data.record["sources"] if not is_rig_source(source["source"])]
     for source in folders:
         what = "of the class" if source["use"] == "class" else "as backgrounds, whatever they show"

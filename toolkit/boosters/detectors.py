@@ -113,15 +113,19 @@ def meet_networks(
     """
     detectors = [network for network in networks if isinstance(network, DetectorNetwork)]
     classifiers = [network for network in networks if not isinstance(network, DetectorNetwork)]
+    # without classifiers the detectors lead, and know the class themselves
     targets = resolve_targets(classifiers or detectors, class_name)
     if detectors and not classifiers:
         refuse_for_detectors([name for name, part in config.held_transforms() if part.stage in OF_NETWORKS])
     elif detectors:
+        # networks of an ensemble see the same photographs, which detectors do not
         if config.ensemble not in (None, "turns"):
             expected = "expected turns: classifiers and detectors are shown different photographs"
             raise FieldError(expected, {"ensemble": config.ensemble})
+        # beside classifiers a detector need not know the class
         label = targets[0].label
         targets += resolve_targets([_find_any_class(network, label) for network in detectors], label)
+    # features are mixed in layers, which graphs do not show
     if config.feature_mixup is not None:
         whole = [network for network in classifiers if not find_layers(getattr(network, "module", None))]
         if whole:
@@ -178,6 +182,7 @@ def load_networks(
     Raises:
         ToolkitError: as these, two of the same name, or a set without its files.
     """
+    # how often each network of a set has its turn
     turns: list[int] = []
     if with_sets:
         members = expand_sets(models, folder)
@@ -188,6 +193,7 @@ def load_networks(
     if twice is not None:
         expected = f"several are called '{twice}': name each once; one of two files may have another 'name' in its TOML"
         raise FieldError(expected, {"model": names})
+    # equal turns are the default
     if set(turns) <= {1}:
         return networks
     return [replace(network, turns=count) for network, count in zip(networks, turns, strict=True)]
@@ -205,6 +211,7 @@ def _load_each(
         # a name may mean either kind: the file decides
         kinds = [is_detector(name) for name in named]
         if any(kinds):
+            # files are paired with the networks that need them
             pairs = zip(named, (file for _, file in pair_weights(named, weights, folder)), kinds, strict=True)
             return [
                 DetectorNetwork(load_detector(name, file, device))
@@ -231,6 +238,7 @@ def judge_detectors(
         unmodified: all photographs without the booster, for detectors that lack the class, and for `lost_weight`.
         lost_weight: how often a photograph counts that shows the object found without the booster, and not with it.
     """
+    # each process judges its own part of the photographs
     photos, boxes = current().share(photos), current().share(boxes)
     before = None if unmodified is None else current().share(unmodified)
     loss, seen, side = photos.new_zeros(()), 0.0, photos.shape[-1]
@@ -250,6 +258,7 @@ def _judge_part(
     """`judge_detectors` of a detector and the photographs that lie at `where` among all."""
     network, before = target.classifier, None if unmodified is None else unmodified[where]
     assert isinstance(network, DetectorNetwork)
+    # found or not, before the loss: it weighs the losses below
     hits = target.find_hits(part.detach())
     losses = _find_losses(network, part, places[where], target)
     # without the class, only a loss beyond that of the unmodified object counts
@@ -258,6 +267,7 @@ def _judge_part(
         with torch.no_grad():
             wanted = _find_losses(network, before, places[where], target)
         losses = (losses - wanted).clamp_min(0)
+    # photographs in which the booster loses the object count more
     if before is not None and lost_weight > 1:
         losses = losses * weigh_lost(target.find_hits(before), hits, lost_weight).to(losses)
     return losses.mean(), float(hits.double().mean())

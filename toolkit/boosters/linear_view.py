@@ -54,6 +54,7 @@ def look_up(levels: list["torch.Tensor"], uv: "torch.Tensor", lod: "torch.Tensor
     found = levels[0].new_zeros((len(uv), 3))
     if not len(uv):
         return found
+    # only the levels that samples use
     for number in range(int(lod.min()), int(lod.max().ceil()) + 1):
         # a hat over the level of detail: the two nearest levels share a sample, which is trilinear's third axis
         weight = (1 - (lod - number).abs()).clamp_min(0)
@@ -143,6 +144,7 @@ class ViewBatch:
             side: of the squares, pixels.
             dtype: of what is returned.
         """
+        # the samples of a view lie between two starts
         width, starts = self.still.shape[2], np.cumsum([0, *self.counts]).tolist()
         still, pixels = [], []
         chosen: list[slice | torch.Tensor] = []
@@ -175,6 +177,7 @@ def batch_views(
         half: keep light in half precision, for many views.
     """
     precision = np.float16 if half else np.float32
+    # a photograph may stand behind, in place of table and room
     pairs = list(zip(views, behind or [None] * len(views), strict=True))
     still = np.stack(
         [
@@ -244,6 +247,7 @@ def show_texture(
         return _show_repainted(texture, batch, light) + (shaded - shaded.detach()) if batch.repaints else shaded
     with torch.no_grad():
         rendered = _show_repainted(texture, batch, light) if batch.repaints else show_linear(linear, batch, light)
+    # the texture's own colour, where each pixel sees it
     slot, shown = _find_shown(batch)
     colour = look_up(build_levels(texture), batch.uv, batch.lod) * batch.share[:, None]
     # adds 0 forward: the picture stays as it is, and the gradient is that of the texture's own colour
@@ -263,6 +267,7 @@ def _show_repainted(texture: "torch.Tensor", batch: ViewBatch, light: "torch.Ten
 def show_linear(linear: "torch.Tensor", batch: ViewBatch, light: "torch.Tensor | float" = 1.0) -> "torch.Tensor":
     """`show_texture` of linear colours, differentiable as it is."""
     count, height, width, _ = batch.still.shape
+    # a factor for each colour of each view
     factor = torch.as_tensor(light, dtype=linear.dtype, device=linear.device).expand(count, 3, 1, 1).flatten(1)
     photos = torch.stack([tone_map(still * scale) for still, scale in zip(batch.still, factor, strict=True)]).view(
         -1, 3

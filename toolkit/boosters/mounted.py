@@ -75,6 +75,7 @@ class MountedViews:
 
     def divide(self) -> tuple["MountedViews", "MountedViews"]:
         """Return the views to train on, and the last views, which are held out."""
+        # the last views are held out, a stated number or a fifth
         kept = len(self) - (count_held_out(len(self)) if self.held_out is None else self.held_out)
         train, held_out = (
             replace(
@@ -146,10 +147,12 @@ def make_sheet_subject(
 
     It is the model, millimetres, or what it is a model of, metres, with sheets that grew with it.
     """
+    # the paper is found by its texture: grey stands for any patch
     grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
     mesh, paper = wear_sheets(item.mesh, mount_sheets(item.mesh, grey, item.spec.mounts, sizes_mm, item.name, margin))
     material = next(k for k, candidate in enumerate(mesh.materials) if candidate.texture is paper)
     bare = item.mesh
+    # at real size, the sheets grow with the object
     if at_real_size:
         mesh, bare = (scale_to_world(one, item.spec, item.spec.real_length_m) for one in (mesh, bare))
     return PaintableObject(mesh, material, bare)
@@ -208,6 +211,7 @@ def show_mounted(
         (b, 3, image_px, image_px) sRGB-encoded in [0, 1], differentiable in `patch`.
     """
     batch = views.batch.cut(which, corners, image_px, patch.dtype)
+    # weather acts on light, before the camera develops it
     if through is not None:
         batch = batch.through(*through)
     # in linear light, in which views are linear in the paper's colours
@@ -215,6 +219,7 @@ def show_mounted(
     if rng is None:
         return show_linear(paper, batch)
     count = len(batch)
+    # exposure for all colours, and a small tint for each
     drawn = rng.uniform(*EXPOSURE, (count, 1, 1, 1)) * rng.uniform(1 - TINT, 1 + TINT, (count, 3, 1, 1))
     photos = show_linear(paper, batch, torch.as_tensor(drawn, dtype=patch.dtype, device=patch.device))
     shape = (count, 3, image_px, image_px)
@@ -272,6 +277,7 @@ def draw_mounted(
     views: MountedViews, draws: Draws, count: int, image_px: int, weather: ViewWeather | None = None
 ) -> DrawnViews:
     """A batch of random views at random cuts in the weather that is drawn for them."""
+    # views, cuts and weather of a step, all from its own draws
     rng = draws.of("mounted")
     which, corners = draw_cuts(views, rng, count, image_px)
     through = None
@@ -285,6 +291,7 @@ def recognise_mounted(
     weather: ViewWeather | None = None, seed: int = 0,
 ) -> list[list[Share]]:  # fmt: skip
     """For each patch (3, n, n), in how many views each network recognises the object with it; in the same weather."""
+    # in validation every view has weather
     weather = None if weather is None else weather.with_overrides(probability=1.0)
     # the middle: validation draws no cut, so that two patches are seen alike
     start = (views.batch.still.shape[1] - image_px) // 2

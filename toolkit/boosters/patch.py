@@ -129,6 +129,7 @@ class TrainedPatch(TrainedBooster):
         """On the object if it was put on an object: that is what a camera sees. The record has the rest."""
         on_object, flat = ("grey paper", "patch"), ("without", "with the patch")
         if self.on_object:
+            # a patch that was mounted is judged there, any other where it was pasted
             yield compare_shares("correct on the object", self.on_object, on_object)
             if self.in_weather:
                 yield compare_shares("correct in its weather", self.in_weather, on_object)
@@ -140,6 +141,7 @@ class TrainedPatch(TrainedBooster):
 
     def warnings(self) -> Iterator[str]:
         """Warnings before printing."""
+        # told where the patch is not shown to help: printing it would be in vain
         if any(answer.falls_short for answer in self.on_object):
             is_far = self.patch.record.settings["mounted_fill"][0] < NEAR[0]
             nearer = f"views from nearer (--mounted-fill {NEAR[0]} {NEAR[1]}), " if is_far else ""
@@ -233,11 +235,13 @@ def _render_views(
             needs = "{weather} and {world} need the object itself: add {sources} rig, {mounted_share} above 0"
             raise FieldError(needs, {})
         return None, None
+    # views of the object are shared out with flat placements, and need an object
     if rig_source is None:
         found = {"mounted_share": config.mounted_share}
         raise FieldError("needs the object in the rig: add {sources} rig, or set it to 0", found)
     # the object, with sheets of the size at which the patch is printed
     object_name = choose_object(workspace, rig_source, class_names)
+    # in a world the object has its real size, and cameras look from lower down
     ranges, setting, seen = ViewRanges(fill=config.mounted_fill), config.open_world(workspace), None
     item = load_object(workspace.object_spec(object_name))
     spec = item.spec if config.size_mm is None else item.spec.with_patch_size(config.size_mm)
@@ -285,6 +289,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
         self.config, self._data, self._seen_world = config, data, seen_world
         self.title = f"Training {targets[0].label}"
         self._appearance, self._penalty = config.appearance(), config.penalty()
+        # all images lie on the device: a step only cuts them
         self._images = stack_on_device(data.train, self._device)
         self._views: MountedViews | None = None
         self._held_out_views: MountedViews | None = None
@@ -306,6 +311,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
         lines, views = introduce("patch", self.config, self.config.size_px, self.targets), self._held_out_views
         if views is None:
             return lines
+        # grey paper shows what the sheet alone does
         (known,) = recognise_mounted([grey_paper(self.pixels)], views, self.targets, self.image_px)
         pairs = zip(self.targets, known, strict=True)
         before = [f"{target.classifier.name} {share.hits} of {share.n} held-out views" for target, share in pairs]
@@ -400,6 +406,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
         size = f"{config.size_px} x {config.size_px} px, {config.steps} steps, seed {config.seed}"
         lines = [size, *answers[:3], "Below: training images, new placements, the network's first answer"]
         with torch.inference_mode():
+            # new placements, drawn apart from those of the training
             images = self._images[: COLUMNS * ROWS]
             which = torch.arange(COLUMNS * ROWS, device=images.device) % len(images)
             centres = cut_centres(images, self.image_px)[which]

@@ -122,6 +122,7 @@ class PatchConfig(PixelConfig):
 
     def penalty(self) -> "Callable[[torch.Tensor], torch.Tensor] | None":
         """Θ -> the weighted losses of the patch itself, a scalar; None where both weigh nothing."""
+        # a weight of 0 leaves its loss out, which costs time
         if not (self.tv_weight or self.printability_weight):
             return None
 
@@ -170,6 +171,7 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
         base = base.model_copy(update={"mounted_fill": WORLD_FILL})
     if fitted.get("mounted_share") is None and data.rig_source is None:
         fitted["mounted_share"] = 0.0
+    # poses draw a sheet of millimetres, so they must know its printed size
     pose_acts = fitted.get("pose", base.pose) not in (None, False)
     # the spec's sizes are hints, not settings: what was asked for goes before them
     spec_mm, spec_length_mm = fitted.pop("spec.size_mm", None), fitted.pop("spec.length_mm", None)
@@ -197,6 +199,7 @@ def limit_renders(config: PatchConfig, data: DataConfig) -> tuple[PatchConfig, D
     """
     if config.steps is None:
         return config, data
+    # what the steps can show, and a fifth more to hold out
     shown = config.steps * config.batch
     views = max(LEAST_RENDERS, math.ceil(SPARE * shown * config.mounted_share))
     images = max(LEAST_RENDERS, math.ceil(SPARE * shown * (1 - config.mounted_share)))
@@ -211,6 +214,7 @@ def size_by_spec(overrides: Mapping[str, Any], spec: ObjectSpec) -> dict[str, An
 
     If there are several sheets, the first sheet's width counts: inks bleed by its millimetres on a texel.
     """
+    # the size that was asked for, else that of the object's spec
     size_mm = overrides.get("size_mm") or spec.mounts[0].size_mm
     if size_mm is None:
         return dict(overrides)
@@ -257,6 +261,7 @@ def non_printability(patch: "torch.Tensor") -> "torch.Tensor":
     """
     from toolkit.imaging.printer import nearest_printable
 
+    # a row for each texel
     colours = patch.flatten(1).T
     nearest = nearest_printable(colours.detach().double().cpu().numpy())
     apart = colours - torch.as_tensor(nearest, dtype=patch.dtype, device=patch.device)

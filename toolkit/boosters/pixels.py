@@ -112,6 +112,7 @@ class PixelTask(TrainingTask[Made]):
             targets: the networks; θ is trained on the device of the first.
             optimiser: by which rule.
         """
+        # random pixels, so that no picture is preferred
         first = draw_first_pixels(size_px, config.seed, config.start_contrast)
         self.batch = config.batch
         self.targets, self.image_px = targets, targets[0].classifier.preprocessing.crop_px
@@ -161,6 +162,7 @@ def smooth_gradient(gradient: torch.Tensor, sigma_px: float) -> torch.Tensor:
         return gradient
     from toolkit.models.vision import torchvision
 
+    # three standard deviations hold nearly all of the weight
     reach = min(int(3 * sigma_px) + 1, gradient.shape[-1] - 1)
     kernel_px = [2 * reach + 1] * 2
     return torchvision.transforms.functional.gaussian_blur(gradient, kernel_px, [sigma_px, sigma_px])
@@ -188,6 +190,7 @@ def judge_photos(
             losses = cross_entropy(precise, wanted, reduction="none")
         else:
             losses = -precise[:, target.class_index]
+        # the share recognised is reported, and weighs the losses if some photographs count more
         hits = logits.argmax(1) == wanted
         if known is not None:
             losses = losses * weigh_lost(known.to(hits.device), hits, lost_weight).to(losses)
@@ -220,6 +223,7 @@ def judge_in_parts(
         where = slice(first, first + size)
         part = photos.detach()[where].requires_grad_(True)
         loss, hits = judge(part, where)
+        # a part counts by its share of the batch, so that the whole is its mean
         share = len(part) / len(photos)
         gradients += torch.autograd.grad(loss * share, part)
         value, recognised = value + loss.detach() * share, recognised + hits * share
@@ -249,6 +253,7 @@ def judge_ensemble(
         unmodified: all photographs of the object as it is, if `lost_weight` acts.
     """
 
+    # a network by itself, with its own draws of the transforms on its way
     def ask(seen: torch.Tensor, number: int) -> tuple[torch.Tensor, float]:
         target = targets[number].folded
 
@@ -268,12 +273,14 @@ def judge_ensemble(
             )
         network, see_clean = target.classifier, partial(judge_photos, clean, [target])
         assert isinstance(network, Classifier)
+        # features are mixed inside the network while it is asked, with those of the clean photographs
         with ExitStack() as acting:
             for transform in config.transforms("features"):
                 side = network.preprocessing.crop_px
                 acting.enter_context(transform.inside(network.module, side, see_clean, draws, f" {number}"))
             return judge_photos(look(seen), [target], config.objective, known, config.lost_weight)
 
+    # by turns, a step asks a single network
     if config.ensemble == "turns":
         return ask(photos, choose_turn(config.seed, draws.step, [target.turns for target in targets]))
     if config.ensemble == "normalised" and photos.requires_grad:
@@ -334,6 +341,7 @@ def resolve_targets(networks: Sequence[Network], class_name: str | int) -> list[
     Raises:
         ToolkitError: a network does not know it, or cannot be trained against.
     """
+    # refused before anything is rendered
     for network in networks:
         if network.untrainable:
             raise FieldError(
@@ -366,6 +374,7 @@ def list_networks(targets: list[Target]) -> list[list[object]]:
     """The networks and their classes, as hashes of inputs name them; of programs also what a TOML says of images."""
     rows: list[list[object]] = []
     for target in targets:
+        # classifiers are known by weights and class; a program's TOML decides what it is shown
         network = target.classifier
         said: list[object] = [network.preprocessing.describe()] if is_program(network.arch) else []
         said += [{"turns": target.turns}] if target.turns != 1 else []

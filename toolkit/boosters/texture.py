@@ -142,11 +142,13 @@ def train_texture(
     Raises:
         ToolkitError: the settings, an object, the photographs or a checkpoint cannot be used, or the disk is full.
     """
+    # what can fail fails before anything is rendered
     config.check_backgrounds()
     check_starts(config.renderer)
     keep_image = None if config.keep_image is None else read_keep_image(config.keep_image)
     objects = load_objects(workspace, config, keep_image)
     config, targets = meet_networks(config, networks, choose_class(class_name, objects))
+    # an object's own name makes the texture its own
     if name is None and len(objects) == 1:
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
@@ -184,7 +186,9 @@ class SurfaceTask(BoosterTask[Trained]):
         super().__init__(config, config.size_px, targets, files, config.optimiser)
         self.config, self.inputs, self._workers = config, inputs, workers
         self.title = f"Training {files.training.name}"
+        # texels that the object does not show are filled from the nearest texel that it shows
         self._source = torch.from_numpy(find_source(inputs.objects)).to(self.pixels.device)
+        # at model size, weather needs to know how large the object really is
         is_model = config.weather is not None and config.world is None
         self._metres = [item.metres_per_mm if is_model else 1.0 for item in inputs.objects]
         self._range: tuple[torch.Tensor, torch.Tensor] | None = None
@@ -234,9 +238,11 @@ class SurfaceTask(BoosterTask[Trained]):
     @contextmanager
     def open(self) -> Iterator[None]:
         """Start the threads that render, and set the turntable up."""
+        # subjects of the turntable are shown at every checkpoint
         subjects, device = [item.subject() for item in self.inputs.objects], str(self.pixels.device)
         self._turntable = [plan_turntable(subject, self.image_px, device) for subject in subjects]
         views = self.config.views(self.image_px)
+        # views are rendered ahead, in threads, while the network is asked
         self._stream = ViewStream(
             self.inputs.at_real_size, views, self.config.seed, self.config.groups, self._workers,
             setting=self.inputs.setting or IN_STUDIO, with_depth=self.config.weather is not None,
@@ -360,6 +366,7 @@ class TextureTask(SurfaceTask[TrainedTexture]):
 
     def write(self, pixels: np.ndarray, record: dict[str, Any], validations: list[WeatherValidation]) -> TrainedTexture:
         """Write texture, record and the objects in it."""
+        # the record holds, for each object, the mesh that the texture fits
         config, inputs = self.config, self.inputs
         worn = [
             {"name": item.name, "mesh_sha256": item.item.shape_sha256, "keep": list(config.keep)}
@@ -382,6 +389,7 @@ class TextureTask(SurfaceTask[TrainedTexture]):
 def take_photos(texture: torch.Tensor, batch: ViewBatch, config: TextureConfig, draws: Draws) -> torch.Tensor:
     """Photographs (b, 3, s, s) of a dilated texture as the camera of `config` gives them, sRGB-encoded in [0, 1]."""
     count = len(batch)
+    # in the order in which they happen: ink, light, and the camera
     for printer in config.transforms("print"):
         texture = printer.change(texture, printer.rng(draws))
     light: torch.Tensor | float = 1.0
@@ -406,11 +414,13 @@ def choose_backgrounds(
     photographs: np.ndarray, config: TextureConfig, rng: np.random.Generator, count: int, image_px: int
 ) -> list[np.ndarray | None]:
     """For each of `count` views a random cut of a photograph in linear light, or None where the studio stays."""
+    # some views keep the studio behind the object
     chosen: list[np.ndarray | None] = []
     for acting in rng.random(count) < config.background_share:
         if not (acting and len(photographs)):
             chosen.append(None)
             continue
+        # a random cut, mirrored half of the time, in linear light
         photograph = photographs[rng.integers(len(photographs))]
         top, left = rng.integers(0, np.array(photograph.shape[:2]) - image_px + 1)
         cut = photograph[top : top + image_px, left : left + image_px]
@@ -425,6 +435,7 @@ def plan_turntable(subject: PaintableObject, image_px: int, device: str) -> View
     # baked once: the turntable is shown again at every checkpoint, and only the texture differs
     renderer = make_renderer(RAYCAST, mesh, studio, DETAIL)
     camera = Camera.from_fov(image_px, image_px, FOV_DEG)
+    # cameras look at the middle of the object's height
     target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
     poses = []
     for azimuth in np.arange(TURNTABLE_VIEWS) * 360.0 / TURNTABLE_VIEWS:

@@ -146,6 +146,7 @@ class TextureConfig(PixelConfig):
     )
 
     @model_validator(mode="after")
+    # settings that are right by themselves and contradict each other
     def _check_together(self) -> "TextureConfig":
         if self.keep_image is not None and len(self.objects) > 1:
             expected = "{keep_image} is of one object's texture coordinates: train one object, or use {keep}"
@@ -194,6 +195,7 @@ class TextureConfig(PixelConfig):
 
     def settings(self, image_px: int) -> dict[str, Any]:
         """Every hyper-parameter, as recorded beside the texture."""
+        # transforms on the photograph are recorded together
         on_photo = {name for name, part in self.held_transforms() if part.stage == "photo"}  # they are "camera" below
         plain = {name: value for name, value in super().record().items() if name not in on_photo}
         rest = {name: plain.pop(name) for name in ("reuse", "exposure", "background_share")}
@@ -247,9 +249,11 @@ def fit_recipe(recipes: dict[str, Surface], recipe: str, overrides: Mapping[str,
     if "fog" in fitted:  # what clouds were called
         fitted["clouds"] = fitted.pop("fog")
     base = find_recipe(recipes, recipe, fitted)
+    # a world has ranges of its own, and needs no photographs behind the object
     if fitted.get("world") is not None:
         outdoors = {"background_share": 0.0, "elevation_deg": WORLD_ELEVATION_DEG, "fill": WORLD_FILL}
         base = base.model_copy(update=outdoors)
+    # without photographs the studio stays behind the object
     if fitted.get("backgrounds") is None and fitted.get("background_share") is None:
         if base.background_share == 1:
             raise FieldError(

@@ -72,6 +72,7 @@ def load_objects(workspace: Workspace, config: TextureConfig, keep_image: np.nda
     Raises:
         ToolkitError: an unknown object, a mesh or mask that cannot be used, or nothing left to train.
     """
+    # each object has an atlas of its own, and all of them share the texture
     items = [load_object(workspace.object_spec(name)) for name in config.objects]
     atlases = [make_atlas(item.mesh, config.size_px, config.keep, keep_image, config.unwrap) for item in items]
     return [TexturedObject(item, atlas) for item, atlas in zip(items, atlases, strict=True)]
@@ -127,6 +128,7 @@ def choose_class(class_name: str | int | None, objects: Sequence[TexturedObject]
     Raises:
         FieldError: the objects have several.
     """
+    # what was asked for goes before what the specs say
     if class_name is not None:
         return class_name
     classes = {item.name: str(item.item.spec.class_name) for item in objects}

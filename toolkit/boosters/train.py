@@ -137,10 +137,12 @@ def prepare_patch(
     Raises:
         ToolkitError: neither class nor object, no images, an unknown object, or as `make_config`.
     """
+    # a measured printer replaces the printers that are drawn
     if print_profile is not None:
         overrides = patch_config.use_printer(overrides, print_profile)
     sources, misfit = data.sources, ""
     if object_name is not None:
+        # what the object's spec says, unless it was asked for otherwise
         spec = read_spec(workspace.object_spec(object_name))
         class_name = spec.class_name if class_name is None else class_name
         # a patch that is trained for an object is seen on it, beside whatever folders were named

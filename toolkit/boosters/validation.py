@@ -75,6 +75,7 @@ def compare_shares(
         unit: what is counted.
     """
     shown = [f"{answer.network} {_compare(answer)}" for answer in validations]
+    # of many networks the mean and the weakest: a list of all would not be read
     if len(validations) > MOST_NAMED:
         weakest = min(validations, key=lambda answer: answer.patched.value)
         means = np.mean([(answer.bare.value, answer.patched.value) for answer in validations], axis=0)
@@ -112,6 +113,7 @@ def validate_patch(
         advance: called with how many placements were just answered.
         corrupted: the same corruption of the photographs with and without the patch.
     """
+    # a multiple of the images, so that each comes equally often
     count = count_placements(len(images), draws)
     bare, patched = [0] * len(targets), [0] * len(targets)
     # the middle, as the network's own preprocessing cuts it, as in an evaluation

@@ -114,11 +114,13 @@ class Capture:
         """
         if self.T_world_camera is None or other.T_world_camera is None:
             return None
+        # the last column of the pose is the camera's place
         first, second = ([row[3] for row in rows[:3]] for rows in (self.T_world_camera, other.T_world_camera))
         # distances from the object, at the origin
         far, near = math.hypot(*first), math.hypot(*second)
         if not far or not near:
             return None
+        # a photograph is taken by hand, and need not be as near as a render of the same plan
         by_plan = self.is_by_plan and other.is_by_plan
         most_deg, most_share = SAME_CAMERA if by_plan else SAME_PHOTOGRAPH
         cosine = sum(a * b for a, b in zip(first, second, strict=True)) / (far * near)
@@ -128,6 +130,7 @@ class Capture:
             return f"{apart_deg:.0f}° apart"
         if abs(far - near) > most_share * min(far, near):
             return f"{far:.0f} and {near:.0f} mm away"
+        # focal lengths are shares of the image's longer side, so that resolution does not count
         lens, other_lens = self.focal_length, other.focal_length
         if by_plan and lens and other_lens and abs(lens - other_lens) > most_share * min(lens, other_lens):
             return "with another lens"

@@ -49,6 +49,7 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[
     Raises:
         ToolkitError: there are no images, the folder holds something else, or it cannot be written.
     """
+    # brings torch, which is loaded only to corrupt
     from toolkit.corruptions.folder import corrupt_images
 
     made, skip = [], find_faults(source_dir)
@@ -56,11 +57,13 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[
         out = source_dir.with_name(name_source(source_dir.name, corruption))
         # two runs at once would both append to the manifest
         with hold_folder(out):
+            # a folder that holds something else is left as it is
             for path, record in read_manifest(out).items():
                 if (record.made.get("corruption"), record.made.get("severity")) != corruption:
                     why = f"{out} holds images that were not made by corrupting shots ({path}): name another {{source}}"
                     raise FieldError(why, {})
             done = corrupt_images(source_dir, out, [corruption], seed=SEED, size_px=CUT_PX, skip=skip)
+            # after the images, as their hashes are in the records
             _write_records(source_dir, out, corruption)
         made.append(CorruptedSource(out, done.made, done.kept, tuple(done.failed)))
     return made
@@ -106,6 +109,7 @@ def cut_intrinsics(intrinsics: dict[str, float]) -> dict[str, float]:
     width, height = round(intrinsics["width"]), round(intrinsics["height"])
     if width == height == CUT_PX:
         return intrinsics
+    # the shorter side becomes 256 px, then the middle 224² are cut out
     short = min(width, height)
     # the long side is truncated and the corner rounded, as resize_and_crop does
     out_width, out_height = (int(RESIZED_PX * side / short) for side in (width, height))

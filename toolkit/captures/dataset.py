@@ -56,6 +56,7 @@ class CaptureDataset(Dataset[Sample]):
             targets: class index of each object by name.
             transform: transform of the finished image; with workers it must be picklable.
         """
+        # what cannot be shown is listed, not left out silently
         self.captures = tuple(capture for capture in folder.captures if capture.refused is None)
         self.refused = (
             *((capture.path, capture.refused) for capture in folder.captures if capture.refused is not None),

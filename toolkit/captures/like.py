@@ -91,6 +91,7 @@ def shoot_like(
     members: dict[tuple[str, str], list[MeasuredPhoto]] = defaultdict(list)
     for photo in photos:
         members[(photo.record.object, photo.record.variant)].append(photo)
+    # two photographs may differ in nothing but the suffix
     taken: set[str] = set()
     for (name, variant), own in members.items():
         try:
@@ -100,11 +101,13 @@ def shoot_like(
         except ToolkitError as error:
             skipped += [(photo.path, str(error)) for photo in own]
             continue
+        # a photograph of another sheet or another shape is no pair of the render
         sha256 = booster.sha256 if booster else None
         reasons = [_why_not(photo, item, sha256) for photo in own]
         skipped += [(photo.path, why) for photo, why in zip(own, reasons, strict=True) if why]
         fit = [photo for photo, why in zip(own, reasons, strict=True) if not why]
         shots += [_plan_shot(photo, item, look, photos_dir, settings.image_format, taken=taken) for photo in fit]
+    # the first reason stands for all
     if not shots:
         path, reason = skipped[0]
         raise ToolkitError(
@@ -139,6 +142,7 @@ def read_measured(
         )
     folder = read_captures(photos_dir, chosen)
     photos = []
+    # without the name of the source, as it is the folder that was asked for
     skipped = [(path.partition("/")[2], reason) for path, reason in folder.faults]
     # a photograph needs camera and pose in its line
     for capture in folder.captures:
@@ -147,6 +151,7 @@ def read_measured(
         if record is None or not record.T_world_camera or not record.intrinsics:
             skipped.append((path, NOT_MEASURED))
             continue
+        # written by other programs too, so that it is checked to be a pose
         pose = np.array(record.T_world_camera, float)
         rotation = pose[:3, :3]
         # a rotation is orthonormal and not mirrored

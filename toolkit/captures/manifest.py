@@ -122,8 +122,10 @@ def describe_transforms(records: list[CaptureRecord]) -> dict[str, Any]:
     """Return the content of a folder's `transforms.json`, of records with a camera; other lenses stand in the frame."""
     known = [(record, record.camera) for record in records if record.T_world_camera]
     cameras = [(record, camera) for record, camera in known if camera is not None]
+    # no camera, no frames: viewers read such a file
     if not cameras:
         return {"camera_model": "OPENCV", "frames": []}
+    # the first camera stands for all whose lens is the same
     first = cameras[0][1]
     frames = []
     for record, camera in cameras:

@@ -94,6 +94,7 @@ def read_captures(root: Path, selection: Selection | None = None, *, trust_files
     """
     root, selection = Path(root), selection or Selection()
     found = find_captured(root)
+    # which levels of SOURCE/OBJECT/VARIANT lie above the root, how many below it, and which are missing
     layout = _read_layout(root, found)
     before, depth, _ = layout
     captures, known = _open_manifests(root, found, layout)
@@ -110,9 +111,11 @@ def read_captures(root: Path, selection: Selection | None = None, *, trust_files
     counted.sort(key=lambda capture: (capture.source, capture.object, capture.variant, capture.path))
     if any(capture.object == POOLED for capture in counted):
         raise ToolkitError(f"{root}: an object may not be called '{POOLED}', the pooled rows are: rename its folder")
+    # files outside of SOURCE/OBJECT/VARIANT are told and not counted
     stray = [show_path(parts) for parts in found.images if len(parts) <= depth]
     unread = tuple((path, reason) for path, reason in found.refused if len(path.split("/")) <= depth)
     notes = _note_files(found, stray, counted) + _note_doubles(counted) + _note_aside(aside)
+    # sources without a manifest count by their folders' names alone
     without = sorted({capture.source for capture in counted} - known.keys())
     return CaptureFolder(
         root, tuple(counted), unread, tuple(notes), tuple(aside), tuple(without), is_trusted=trust_files and bool(known)
@@ -134,6 +137,7 @@ def find_faults(root: Path) -> dict[str, str]:
 def _open_manifests(root: Path, found: FoundFiles, layout: Layout) -> tuple[list[Capture], dict[str, SourceManifest]]:
     """Return the images inside SOURCE/OBJECT/VARIANT with their records, and the manifests of their sources by name."""
     before, depth, after = layout
+    # refused files have a place too, so that they are told where they lie
     files: list[tuple[tuple[str, ...], str | None]] = [(parts, None) for parts in found.images]
     files += [(tuple(path.split("/")), reason) for path, reason in found.refused]
     records: dict[Path, dict[str, CaptureRecord]] = {}
@@ -231,11 +235,13 @@ def _read_layout(root: Path, found: FoundFiles) -> Layout:
 
 
 def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, refused: str | None) -> Capture:
+    # without a record, folders and file name say all
     source, name, variant = (show_path((part,)) for part in full[:3])
     capture = Capture(source, name, variant, read_pose_id(full[-1]), file, path=show_path(full), refused=refused)
     if record is None:
         return capture
     rows, lens, made = record.T_world_camera, record.intrinsics, record.made
+    # all three or none: a manifest that was written by hand may hold only some
     corruption, severity, cut_px = made.get("corruption"), made.get("severity"), made.get("cut_px")
     is_corrupted = (type(corruption), type(severity), type(cut_px)) == (str, int, int)
     # the manifest comes before the file name

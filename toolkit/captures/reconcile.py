@@ -94,6 +94,7 @@ def reconcile(
             aside.append(SetAside(capture.path, why, fault is not None))
         else:
             counted.append(capture)
+    # checked before variants are split, while they still have their folders' names
     _check_variants(counted, manifests)
     counted, doubles = _drop_doubles(_split_boosters(counted), manifests)
     return counted, [*aside, *doubles]
@@ -107,6 +108,7 @@ def find_missing(
     Args:
         is_whole: whether `captures` are complete sources; else folders that are gone do not count.
     """
+    # by path and by picture: a folder that was renamed is not missing
     found = {capture.path for capture in captures}
     pictures = {capture.image_sha256 for capture in captures}
     folders = {capture.path.rpartition("/")[0] for capture in captures}
@@ -114,6 +116,7 @@ def find_missing(
     for manifest in manifests.values():
         for path, record in manifest.records.items():
             shown = f"{manifest.source}/{path}"
+            # lines that were left out on purpose may lose their image
             if shown in found or LEFT_OUT in record.made:
                 continue
             if shown.rpartition("/")[0] in folders:
@@ -127,6 +130,7 @@ def find_missing(
 def _find_fault(capture: Capture, manifest: SourceManifest) -> str | None:
     """Return how an image contradicts its line; None if it does not."""
     record = manifest.records.get(capture.path_in_source)
+    # a line without a hash was written by an earlier version: it fits any file
     sha256 = capture.image_sha256
     if record is not None and record.image_sha256 in (None, sha256):
         return None
@@ -144,11 +148,13 @@ def _find_fault(capture: Capture, manifest: SourceManifest) -> str | None:
 
 def _find_exclusion(capture: Capture, manifest: SourceManifest) -> str | None:
     """Return why an image was left out on purpose, or is a copy of an earlier image; None if it counts."""
+    # only a line can say that an image was left out
     record = manifest.records.get(capture.path_in_source)
     if record is None:
         return None
     if LEFT_OUT in record.made:
         return str(record.made[LEFT_OUT])
+    # `of` names source and path of the original: the source's name is cut off
     original = manifest.originals.get(str(record.made.get("of", "")).partition("/")[2])
     if original is None:
         return None
@@ -169,6 +175,7 @@ def _check_variants(captures: Sequence[Capture], manifests: Mapping[str, SourceM
         record = manifest.records.get(capture.path_in_source) if manifest else None
         if record is None:
             continue
+        # a variant with a name of the toolkit's own must carry a booster; what others mean is not known
         if capture.variant == UNPATCHED and record.booster_sha256:
             said = f"carries the booster {record.made.get('booster') or record.booster_sha256[:SHORT]}"
         elif capture.variant in {*VARIANTS} - {UNPATCHED} and capture.is_rendered and not record.booster_sha256:
@@ -191,6 +198,7 @@ def _split_boosters(captures: Sequence[Capture]) -> list[Capture]:
             boosters.setdefault(group, set()).add(capture.booster_sha256)
             # lines of earlier versions do not state the sheet's place: they go with any
             sheets.setdefault(group, set()).update([str(capture.settings[SHEET])] if SHEET in capture.settings else [])
+    # an image is renamed only where its group has several
     split = []
     for capture in captures:
         group, name = (capture.source, capture.object, capture.variant), capture.variant
@@ -208,6 +216,7 @@ def _drop_doubles(
     captures: Sequence[Capture], manifests: Mapping[str, SourceManifest]
 ) -> tuple[list[Capture], list[SetAside]]:
     """Return the images without doubles, and the doubles."""
+    # the order of the lines is the order in which images were made
     order = {(manifest.source, path): at for manifest in manifests.values() for at, path in enumerate(manifest.records)}
     first: dict[tuple[object, ...], Capture] = {}
     dropped: list[SetAside] = []

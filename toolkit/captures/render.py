@@ -68,6 +68,7 @@ def render(
             applied = TextureBooster(*named, texture=booster)
         else:
             applied = PatchBooster(*named, item.spec.sizes_mm(booster.size_mm), margin=booster.record.margin)
+    # printed if the settings say so, by the same draws as in files
     mesh = apply_booster(item, print_booster(applied, settings.printer, settings.seed, item.name))
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
     lights = renderer.render_many((camera, pose.matrix()) for pose in poses)
@@ -121,6 +122,7 @@ def preview_object(workspace: Workspace, item: TableObject) -> ObjectPreview:
     """Draw an object with a chequered sheet for its patch."""
     shown, trouble = item, ""  # shown without a sheet if there is no place for it
     try:
+        # the printed size that a patch will have by default
         sizes_mm = item.spec.sizes_mm(DEFAULT_PATCH_MM)
         trouble = "; ".join(describe_misfits(item, sizes_mm))
         sheets = mount_sheets(item.mesh, CHEQUERED, item.spec.mounts, sizes_mm, item.name)
@@ -129,6 +131,7 @@ def preview_object(workspace: Workspace, item: TableObject) -> ObjectPreview:
         trouble = f"no place for the patch yet: {error}"
     # pictures and page
     camera = Camera.from_fov()
+    # eight views round the object, low and high
     poses = plan_poses(item, camera, Pattern(name="grid", count=8, elevation_deg=(20.0, 60.0)))
     picture = workspace.root / "rig" / "preview" / f"{item.name}-object.png"
     with progress("drawing the preview", 1) as bar:

@@ -202,6 +202,7 @@ def copy_image(stored: StoredImage, source_dir: Path, path: str) -> bool:
     if sha256_bytes(content) != stored.record.image_sha256:
         return False
     write_bytes(Path(source_dir) / path, content, Path(source_dir))
+    # a stored image may have been left out of results where it lies; here it counts
     append_record(source_dir, without_mark(stored.record).model_copy(update={"path": path}))
     return True
 
@@ -336,6 +337,7 @@ def shoot_plan(
     settings = settings or ShootSettings()
     check_settings(workspace, settings, source)
     variants = tuple(dict.fromkeys(variants))  # named twice is shot once
+    # objects are loaded once, however many variants are shot
     items = {name: _load_item(workspace, name, patch_mm) for name in objects}
     shots = [
         shot
@@ -379,6 +381,7 @@ def take_shots(
         ToolkitError: a patch is missing, a backdrop or light is unknown, the folder holds photographs, or the disk is
             full or read-only.
     """
+    # the records of the shots that are missing, filled as units are listed
     wanted, planned = {shot.path: shot for shot in shots}, dict[str, CaptureRecord]()
 
     def keep(path: str, shot: Shot, content: bytes) -> None:
@@ -386,6 +389,7 @@ def take_shots(
         # after the file: a line in the manifest means a whole image
         append_record(source_dir, planned[path].model_copy(update={"image_sha256": sha256_bytes(content)}))
 
+    # the lock keeps other runs out, so that the manifest changes here alone
     with hold_folder(source_dir):
         known = read_manifest(source_dir)
         check_no_photographs(source_dir, known)
@@ -407,6 +411,7 @@ def take_shots(
         ran = run_resumable("shooting", wanted, missing, units, keep, engine or InProcess(), source_dir, bar=bar)
         records = read_manifest(source_dir)
         folders = {Path(path).parent for path in wanted}
+        # of the whole source: other objects and variants lie there too
         there = {path: one for path, one in sorted(records.items()) if (source_dir / path).is_file()}
         # of folders that were shot into: other variants are left alone
         stale = [path for path in there if path not in wanted and Path(path).parent in folders]
@@ -454,10 +459,12 @@ def plan_scene(
     if name not in plan.objects:
         raise ToolkitError(f"object '{name}' is not in {workspace.plan_file}: run 'toolkit plan --object {name}'")
     camera = plan.camera
+    # poses of the file may have been edited by hand
     check_poses(item, camera, plan.objects[name])
     # the key of a shot is all that its picture depends on
     look = describe_look(workspace, item, variant, settings) | {"camera": camera.intrinsics}
 
+    # a rehearsed camera is held by hand, near the pose
     def stand(pose: Pose) -> np.ndarray:
         if settings.rehearsal is None:
             return pose.matrix()
@@ -484,12 +491,14 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     del how["perfect"], how["coverage"], how["margin"]  # said with the booster that they act on
     for absent in [name for name in ("board", "rehearsal", "printer") if how[name] is None]:
         del how[absent]  # images from before there was one keep their hash
+    # a renderer of a newer version may draw other pictures
     if (version := RENDERERS[check_renderer(settings.renderer)].version) is not None:
         how[settings.renderer] = version
     if settings.rehearsal is not None:
         how["rehearsal"] = settings.rehearsal.describe()
     if settings.printer is not None:
         how["printer"] = settings.printer.model_dump()
+    # the object, its studio and its settings; what is on it follows
     look = {"mesh": item.mesh_sha256, **_describe_studio(item, settings), "variant": variant, **how}
     booster = settings.find_booster(workspace, item, variant)
     if booster is not None:
@@ -514,6 +523,7 @@ def _list_units(
 
 def describe_made(item: TableObject, booster: AppliedBooster | None, settings: ShootSettings) -> dict[str, Any]:
     """What a manifest says of how an image was made: what two images of a pair must share, and what is put on."""
+    # what two images must share to be compared, as a hash
     studio = _describe_studio(item, settings)
     how = {name: value for name, value in asdict(settings).items() if name in ("board", "renderer")}
     rehearsal = settings.rehearsal and settings.rehearsal.describe()
@@ -526,8 +536,10 @@ def describe_made(item: TableObject, booster: AppliedBooster | None, settings: S
         "class": str(item.spec.class_name), **note_booster(booster),
         **({} if settings.rehearsal is None else {"rehearsed": True}),
     }  # fmt: skip
+    # a library's renderer draws other pictures in another version of it
     if library := RENDERERS[settings.renderer].describe()[0]:
         made[RENDERER_VERSION] = library
+    # the sheet's place, as two images of a booster in two places are no pair
     if booster is not None and (place := booster.describe_place(item)):
         made["sheet_sha256"] = sha256_json(place)
     return made
@@ -557,11 +569,13 @@ def shoot_unit(
     from toolkit.rig.shading import tone_map  # brings the compiler, which needs to load only to shoot
 
     rehearsal = settings.rehearsal
+    # a rehearsal brings its own printer
     printer = settings.printer if rehearsal is None else rehearsal.printer
     mesh = apply_booster(item, print_booster(booster, printer, settings.seed, item.name))
     if rehearsal is not None:
         mesh = rehearsal.tape(mesh)
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
+    # frame by frame, so that a scene of many does not fill the memory
     pictures = renderer.render_many((camera, pose) for camera, pose, _ in places)
     taken = zip((number for _, _, number in places), pictures, strict=True)
     if rehearsal is None:

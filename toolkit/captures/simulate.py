@@ -164,9 +164,11 @@ def simulate_captures(
         from toolkit.corruptions.catalogue import parse_corruptions
 
         corruptions = parse_corruptions(list(corrupt))
+    # a path from the current folder, or from the workspace
     folder = config.like and (config.like if config.like.is_dir() else space.root / config.like)
     if folder and config.also_renderers:
         raise FieldError("goes with the plan: leave {like} out", {"also_renderers": config.also_renderers[0]})
+    # the board that the photographs show is in the renders too, unless a choice was made
     board = board_shown(folder) if folder and config.board is None else config.board
     settings = _make_settings(space, config, board, seed)
     from toolkit.rig.applied.tag import name_variant  # brings the renderer's parts, as above
@@ -228,6 +230,7 @@ def _shoot_plan(
             "goes with {like}: the size of the plan's images is set by 'toolkit plan --resolution'",
             {"max_px": config.max_px},
         )
+    # all of the plan, if no object is named
     plan = open_plan(space, list(objects) or None)
     # also where no photograph lies there yet
     if config.source == "real":
@@ -255,6 +258,7 @@ def _shoot_plan(
     found = []
     for renderer in (config.renderer, *others):
         if config.source:
+            # under a name that was asked for, the others alone have the renderer's name behind it
             parts = [config.source, renderer if renderer != config.renderer else None]
         else:
             parts = [*words, renderer if renderer != RAYCAST else None]
@@ -275,11 +279,13 @@ def _shoot_source(
     from toolkit.captures.stale import find_stale
 
     source_dir = space.source_dir(source)
+    # looked for before anything is shot, as shooting changes the manifest
     stale = find_stale(space, plan, names, variants, settings, source_dir)
     remarks = []
     with engine.open() as workers:
         shot = shoot_plan(space, plan, names, variants, settings, source, engine=workers)
         for outdated in stale:
+            # what is stale is shot again, or left out where old images shall be kept
             is_shot = outdated.can_shoot and not keep
             if is_shot:
                 more = shoot_plan(space, plan, [outdated.object], [outdated.variant], settings, source, engine=workers)

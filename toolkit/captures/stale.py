@@ -36,6 +36,7 @@ def find_stale(
     Raises:
         ToolkitError: the manifest, a spec or a mesh is broken.
     """
+    # by object and variant
     groups: dict[tuple[str, str], dict[str, CaptureRecord]] = {}
     wanted = set(objects)
     # images of other variants in the folder
@@ -66,6 +67,7 @@ def _explain(
     for path, record in records.items():
         shot = shots.get(path)
         if shot is None:
+            # a pose that the plan has no more
             return SETTINGS["pose_sha256"]
         if shot.key == record.inputs_sha256:
             continue
@@ -74,6 +76,7 @@ def _explain(
         difference = find_difference(read_settings(record.made), read_settings(describe_made(item, booster, settings)))
         if difference:
             return difference
+        # settings are the same: it is the booster or the camera
         if record.booster_sha256 != (booster.sha256 if booster else None):
             return "another booster"
         # the camera, as far as the manifest states it

@@ -77,9 +77,11 @@ class SuggestedPlaces:
 
     def as_json(self) -> dict[str, Any]:
         """Return the result for a script."""
+        # a single place of now is not a list, as scripts of earlier versions expect
         now = [place and place.as_json() for place in self.now]
         places = []
         for k, place in enumerate(self.places):
+            # sheets that go together are trained together
             answers = self.trained[0 if self.is_together else k]
             shares = {
                 answer.network: {"patched": answer.patched.value, "grey": answer.bare.value, "n": answer.patched.n}
@@ -159,10 +161,12 @@ def suggest_places(
     together = config.sheets > 1
     # the plan's few poses would put several sheets in front of these cameras
     poses = draw_poses(item, plan.camera, RANDOM_VIEWS, seed) if together else plan.objects[object_name]
+    # places of today are judged beside the others, in the size of their patch
     own_mm = mounted_sizes_mm(workspace, item)
     scene = make_ray_scene(item.mesh)
     own = [mount.model_copy(update={"size_mm": size}) for mount, size in zip(item.spec.mounts, own_mm, strict=True)]
     now = tuple(judge_place(item, scene, plan.camera, poses, mount) for mount in own)
+    # by default the size of now, and two thirds of it
     sizes = config.sizes_mm or (round(own_mm[0], 1), round(own_mm[0] * 2 / 3, 1))
     find = find_sheets if together else find_places
     places = find(item, plan.camera, poses, config, sorted(set(sizes), reverse=True), own)
@@ -187,6 +191,7 @@ def suggest_places(
         worth = [(sum(answer.patched.value for answer in trained[k]), places[k].score) for k in range(len(choices))]
         best = choices[worth.index(max(worth))]
         file = workspace.objects_dir / f"{object_name}.toml"
+        # the user's own file, also for an object that is built in
         written = write_mounts(workspace.object_spec(object_name), file, best)
     return SuggestedPlaces(
         object_name, config.sheets, len(poses), now, tuple(places), picture=picture, steps=steps, written=written,
@@ -244,9 +249,11 @@ def move_sheet(workspace: Workspace, item: TableObject, sides: Sequence[Side]) -
         A sentence on the change; empty if the sheet stays.
     """
     camera = Camera.from_fov()
+    # a new object has a single sheet
     (wanted_mm,), mount = mounted_sizes_mm(workspace, item), item.spec.mounts[0]
     if describe_misfit(item, wanted_mm) is None:
         return ""
+    # a new object is in no plan yet: these are the poses that a plan will give it
     poses = plan_poses(item, camera, Pattern())
     # smaller and smaller, until a sheet fits
     for size_mm in (round(share * wanted_mm, 1) for share in SIZES_TRIED):

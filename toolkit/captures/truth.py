@@ -57,8 +57,10 @@ def outline_object(item: TableObject, camera: Camera, T_world_camera: np.ndarray
         centres = np.stack(np.meshgrid(columns + 0.5, rows + 0.5), -1).reshape(-1, 2)
         hits = _cast(item, camera, T_world_camera, centres)
         mask[low[1] : high[1], low[0] : high[0]] = hits.reshape(len(rows), len(columns))
+    # behind the camera or beside its image
     if not mask.any():
         return None
+    # columns and rows that the mask touches: the box ends after its last pixel
     y, x = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     return ObjectMask(mask, (float(x[0]), float(y[0]), float(x[-1] + 1), float(y[-1] + 1)))
 
@@ -82,12 +84,14 @@ def outline_captures(
     Raises:
         ToolkitError: a spec, a mesh or a manifest is broken.
     """
+    # a mesh is loaded once, a manifest is read once
     specs, items = workspace.object_specs(), {}
     manifests: dict[Path, dict[str, CaptureRecord]] = {}
     seen: dict[tuple[object, ...], ObjectMask | None] = {}
     found, unknown = {}, []
     for capture in captures:
         source = capture.source_dir
+        # the record is found by the path below its source
         if source not in manifests:
             manifests[source] = read_manifest(source)
         record = manifests[source].get(capture.file.absolute().relative_to(source).as_posix())
@@ -104,6 +108,7 @@ def outline_captures(
             continue
         if capture.object not in items:
             items[capture.object] = load_object(specs[capture.object])
+        # the length is in the hash of the mesh, as a longer object has another mask
         if record.made.get("mesh_sha256", items[capture.object].mesh_sha256) != items[capture.object].mesh_sha256:
             unknown.append((capture.path, f"{specs[capture.object]} has another shape or length than when it was shot"))
             continue
@@ -134,11 +139,13 @@ def write_coco(
         ToolkitError: no mask is known, or the file cannot be written.
     """
     masks, unknown = outline_captures(captures, workspace)
+    # the first reason stands for all
     if not masks:
         why = f"{unknown[0][0]}: {unknown[0][1]}" if unknown else "there are no images"
         raise ToolkitError(f"no box is known: {why}")
     specs = workspace.object_specs()
     objects = sorted({capture.object for capture in captures if capture.path in masks})
+    # a name that was given comes first, such as COCO's own
     category = {name: (names or {}).get(name) or str(read_spec(specs[name]).class_name) for name in objects}
     categories = sorted(set(category.values()))
     images: list[dict[str, Any]] = []

@@ -87,6 +87,7 @@ def gather_view(workspace: Workspace, name: str | None = None, sources: Sequence
     plan = open_plan(workspace, [name] if name else None) if workspace.plan_file.is_file() else None
     if name is None and plan is None:
         raise FieldError("which object? there is no plan yet, so name it with {object_name}", {})
+    # without a name the plan's first object
     item = load_object(workspace.object_spec(name or next(iter(plan.objects))))  # type: ignore[union-attr]
     # planned cameras, as pyramids of the vertical field of view
     frusta = []
@@ -97,6 +98,7 @@ def gather_view(workspace: Workspace, name: str | None = None, sources: Sequence
         frusta = [Frustum(f"/plan/pose {pose.id}", pose.matrix(), fov, aspect) for pose in poses]
     # images with a known camera
     left_out = list[tuple[str, str]]()
+    # without a source named, all that lie there
     if sources or (workspace.captures_dir.is_dir() and find_files(workspace.captures_dir).images):
         found = read_captures(workspace.captures_dir, Selection(tuple(sources), (), ()))
         for capture in found.captures:
@@ -136,6 +138,7 @@ def show_view(server: "viser.ViserServer", view: View3d) -> None:
     scene.set_up_direction("+z")
     # distance of the farthest camera, metres, and at least twice the object's longest side
     far = [float(np.linalg.norm(frustum.T_world_camera[:3, 3])) for frustum in view.frusta]
+    # in millimetres; the viewer's scene is in metres
     reach = max([*far, 2 * float(view.item.mesh.size_mm.max())]) / MM_PER_M
     scene.add_grid("/table", width=2 * reach, height=2 * reach, cell_size=reach / 20, section_size=reach / 4)
     server.initial_camera.position = (1.5 * reach, 0.9 * reach, 0.9 * reach)

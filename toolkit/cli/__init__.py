@@ -29,11 +29,13 @@ def main() -> None:
     """
     # pydantic would look for plugins in every installed package
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    # before torch and its libraries load, which read these variables once
     _wait_without_spinning()
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")  # a terminal may lack letters
+    # what was typed, for messages that repeat the command
     typed = [word for word in sys.argv[1:] if word != DEBUG]
     # libraries log and warn: trimesh logs a traceback for each file that it cannot read
     if not _is_debugging():
@@ -42,6 +44,7 @@ def main() -> None:
     try:
         with _join_processes(typed):
             code = app(typed, standalone_mode=False) or 0
+        # an error of what is still to be written is told too
         sys.stdout.flush()
     except BaseException as error:
         code = _end(error, typed)
@@ -93,6 +96,7 @@ def _end(error: BaseException, typed: list[str]) -> int:
     """Print why a command ended, as a line; return its exit code."""
     if isinstance(error, KeyboardInterrupt | typer.Abort):
         return INTERRUPTED
+    # such as the processes of torchrun that have nothing to do
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else DEFECT
     if isinstance(error, BrokenPipeError):  # the reader, such as `head`, has enough
@@ -103,6 +107,7 @@ def _end(error: BaseException, typed: list[str]) -> int:
         return BAD_INPUT
     # every other error is explained in a line or two
     lines, code = explain_end(error, typed)
+    # the error stream may be closed as well
     with suppress(OSError):
         if _is_debugging():
             traceback.print_exception(error)
@@ -117,6 +122,7 @@ def _end(error: BaseException, typed: list[str]) -> int:
 
 def explain_end(error: BaseException, typed: list[str]) -> tuple[list[str], int]:
     """Return the lines for an error that ended a command, and the exit code."""
+    # errors that a user can mend come first
     match error:
         case ToolkitError():
             return [f"error: {error}"], BAD_INPUT

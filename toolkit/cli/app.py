@@ -124,6 +124,7 @@ class GroupedCommand(TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write every parameter under its heading; the options of every command come last."""
+        # headings in the order in which they are shown
         sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
         for parameter in self.get_params(ctx):
             row = parameter.get_help_record(ctx)
@@ -354,6 +355,7 @@ def add_quiet(command: Callable[..., None]) -> Callable[..., None]:
         return command
     quiet = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet)
     parameters = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in signature.parameters.values()]
+    # before `--json`, so that the shared options stand together
     at = next((k for k, parameter in enumerate(parameters) if parameter.name == "as_json"), len(parameters))
 
     @wraps(command)

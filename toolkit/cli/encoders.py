@@ -83,11 +83,13 @@ def zero_shot(
     from toolkit.training.classifier_config import check_name
     from toolkit.training.zero_shot import make_zero_shot
 
+    # the text tower is the image tower's own, unless it is named
     space, named = open_workspace(workspace), text or image
     # small files are checked before a network is loaded
     asked = make_prompts(read_class_names(prompts, dataset), templates, dataset)
     if text is None and not image.startswith(OPEN_CLIP_PREFIX):
         raise FieldError("has no text tower: name it with {text}", {"image": image})
+    # open_clip's networks hold both towers, other files a single one
     if named.startswith(OPEN_CLIP_PREFIX):
         from toolkit.models.open_clip import open_towers
 
@@ -96,5 +98,6 @@ def zero_shot(
         words = load_text_tower(named, tokenizer)
     tower = load_encoder(image, None, device, space.classifiers_dir, how=AsEncoder(whole=True))
     folder = out or space.classifiers_dir
+    # a name that cannot be a file's is refused before prompts are encoded
     made = make_zero_shot(check_name(name), tower, words, asked, folder, scale=scale, restart=restart)
     show_result(made, as_json, describe_classifier(made, out))

@@ -54,6 +54,7 @@ def evaluate(
     from toolkit.captures.read import find_captured
     from toolkit.models.find import may_be_detector
 
+    # the current folder counts as a workspace for reading
     space = open_workspace(workspace)
     folder = captures or space.captures_dir
     find_captured(folder)  # before a network is loaded
@@ -73,6 +74,7 @@ def evaluate(
         show_json(done.summary)
     else:
         show_evaluation(done)
+    # also where files contradict their manifest: a script must notice
     if done.failed or (done.origin and done.origin.faults):
         raise typer.Exit(1)
 
@@ -89,6 +91,7 @@ def _detect(
 
     detector = load_detector(str(named.model), named.weights, named.device)
     done = evaluate_detector(captures, space, detector, config)
+    # for scripts, nothing but JSON is on standard output
     if as_json:
         show_json(done.summary)
     else:
@@ -111,6 +114,7 @@ def _detect(
         for note in done.notes:
             remark(note)
         say(f"report: {done.run_dir / 'report.html'}")
+    # the results are printed first: they count in spite of what was left out
     if done.left_out:
         raise typer.Exit(1)
 
@@ -175,5 +179,6 @@ def corrupt(
         if len(result.failed) > SHOWN_FAILURES:
             warn(f"failed: {len(result.failed) - SHOWN_FAILURES} more, --json lists them all")
         say(f"made {count_of(result.made, 'image')}{kept_before(result.kept)}: {out}")
+    # the other images are made, but a script must notice
     if result.failed:
         raise typer.Exit(1)

@@ -169,6 +169,7 @@ class ConfigFlag:
         """
         kind = bool if self.is_switch else typed_as(self.info)
         spellings = self.spelling
+        # a switch has two spellings, unless its flag names its own
         if kind is bool:
             spellings = self.flag.name or f"{spellings}/--no-{spellings.removeprefix('--')}"
         given: dict[str, Any] = {"help": self._help(names), "metavar": self.flag.metavar or _metavar(kind)}
@@ -180,6 +181,7 @@ class ConfigFlag:
             else typer.Option(spellings, rich_help_panel=self.flag.group, show_default=False, **given)
         )
         annotation = _as_typer_takes(kind)
+        # an option that was not typed must be told from one that was typed with its default
         return inspect.Parameter(
             self.parameter,
             inspect.Parameter.KEYWORD_ONLY,
@@ -188,6 +190,7 @@ class ConfigFlag:
         )
 
     def _help(self, names: Mapping[str, str]) -> str:
+        # bounds first, then the defaults of recipes
         bounds = bounds_of(self.info)
         notes = [] if bounds in OBVIOUS else [bounds]
         # a lone switch is off by default, which goes without saying
@@ -200,6 +203,7 @@ class ConfigFlag:
                 continue
             notes.append(f"{recipe or 'default'}: {shown}")
             first = shown if not number else first
+        # other fields are named by their flags
         about = FIELD_PATH.sub(lambda path: spell_flag(path[1], names), self.info.description or "").rstrip()
         return f"{about}  [{'; '.join(notes)}]" if notes else about
 
@@ -241,6 +245,7 @@ def from_config(**sources: Source) -> Callable[[Callable[..., Result]], Callable
             for item in written
             if hasattr(item.annotation, "_fields")
         }
+        # a bundle's fields stand in its place, in the order of the help
         own = [item for outer in written for item in bundles.get(outer.name, [outer])]
         names = {flag.path: flag.spelling for some in flags.values() for flag in some}
         names |= _spellings([item for item in own if item.name not in sources])
@@ -251,10 +256,12 @@ def from_config(**sources: Source) -> Callable[[Callable[..., Result]], Callable
             if seen.setdefault(flag, path) != path:
                 raise ValueError(f"{flag} is the flag of {seen[flag]} and of {path}")
 
+        # what typer hands over goes back into configs and bundles
         @wraps(command)
         def run(**typed: Any) -> Result:
             for parameter, source in sources.items():
                 given = {flag.path: typed.pop(flag.parameter, None) for flag in flags[parameter]}
+                # what was not typed is left to the default or the recipe
                 given = {path: value for path, value in given.items() if value not in (None, [], ())}
                 typed[parameter] = given if isinstance(source, Mapping) else _make(source, given)
             for item in written:
@@ -262,6 +269,7 @@ def from_config(**sources: Source) -> Callable[[Callable[..., Result]], Callable
                     typed[item.name] = item.annotation(*(typed.pop(field.name) for field in bundles[item.name]))
             return command(**typed)
 
+        # typer makes its options of the signature, and not of the function's own parameters
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
         return run

@@ -56,6 +56,7 @@ def show_result(result: Result, as_json: bool, lines: Iterable[str] | None = Non
     """
     from toolkit.core.console import list_skipped
 
+    # skipped files are listed first, as the results are without them
     list_skipped(result.skipped)
     if as_json:
         show_json(result.as_json())
@@ -79,9 +80,11 @@ def show_table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     from toolkit.core.console import console
     from toolkit.core.tables import share_width
 
+    # letters that act on a terminal are shown as codes
     cells = [[escape(str(cell)) for cell in row] for row in rows]
     room = console.width - 3 * len(titles) - 1  # a bar and two blanks for each column, and the last bar
     widths = share_width(list(zip(titles, *cells, strict=True)), room)
+    # not even the words fit: a block for each row
     if sum(widths) > room:
         wide = max(map(len, titles))
         for row in cells:

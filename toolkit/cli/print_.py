@@ -86,6 +86,7 @@ def print_patches(
 def _report_patches(
     printed: list["PrintedPatch"], failed: list[dict[str, str]], notes: list[str], as_json: bool
 ) -> None:
+    # failures first, so that they are not lost above many lines
     for failure in failed:
         warn(f"not printed: {failure['reason']}", style="red")
     if as_json:
@@ -100,10 +101,12 @@ def _report_patches(
         if any(not sheet.colour_strip for sheet in printed):
             say("note: no room for the colour strip beside the patch: print it with 'toolkit print --colour-strip'")
         if printed:
+            # tiles are joined before they are cut out
             tiled = any(sheet.pages > 1 and sheet.tiles != (1, 1) for sheet in printed)
             tape = "tape" if all(sheet.margin == "white" for sheet in printed) else "stick (with clear tape)"
             cut = f"cut at the corner marks and {tape} the patch on as its arrow shows"
             say(f"next: {', '.join([AT_TRUE_SIZE, *([JOIN] if tiled else []), cut])}")
+    # 2 where nothing was printed, as for bad input
     if failed:
         raise typer.Exit(1 if printed else 2)
 

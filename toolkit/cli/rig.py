@@ -48,6 +48,7 @@ def place(
     from toolkit.models.load import load_classifiers
 
     space = open_workspace(workspace)
+    # networks load only if places are tried by training
     loaded = load_classifiers(*networks, space.classifiers_dir) if train else []
     found = suggest_places(space, object_name, config, networks=loaded, steps=train, write=write, seed=seed)
     if as_json:
@@ -154,6 +155,7 @@ def what_pairs_can_show(count: int) -> str:
 
 def list_poses(objects: "Mapping[str, Sequence[Pose]]") -> list[str]:
     """Return a line for the objects that have the same poses: how many, their angles, and all distances."""
+    # objects with the same angles share a line
     alike: dict[str, list[str]] = {}
     for name, poses in objects.items():
         angles = [_listed({getattr(pose, angle) for pose in poses}) for angle in ("elevation_deg", "azimuth_deg")]
@@ -161,6 +163,7 @@ def list_poses(objects: "Mapping[str, Sequence[Pose]]") -> list[str]:
         alike.setdefault(each, []).append(name)
     lines = []
     for each, names in alike.items():
+        # distances follow the object's size, so each object has its own
         distances = [pose.distance_mm for name in names for pose in objects[name]]
         away = f"{min(distances):.0f} to {max(distances):.0f} mm away"
         lines.append(f"{list_some(names, MOST_NAMED)}: {each}, {away}")
@@ -196,6 +199,7 @@ def capture_sim(
     """
     space = open_workspace(workspace, is_needed=True).with_patches(patches)
     made = simulate_captures(space, config, objects or (), variants or (), corrupt or (), seed=seed, engine=engine)
+    # remarks before results, on the error stream
     for line in made.all_remarks:
         remark(line)
     show_result(made, as_json)
@@ -227,6 +231,7 @@ def write_boxes(
     names = {name: coco_names(str(read_spec(specs[name]).class_name))[-1] for name in folder.objects if name in specs}
     file = out or folder.root / "instances.json"
     count, left_out = write_coco(file, folder.captures, space, names)
+    # images that contradict their manifest have no box either
     left_out += folder.faults
     if as_json:
         show_json({"file": str(file), "images": count, "left_out": left_out})
@@ -258,6 +263,7 @@ def view(
     from toolkit.captures.view_3d import gather_view, open_viewer, show_view
     from toolkit.evaluation.tables import list_lines
 
+    # all is read before a port is opened
     shown = gather_view(open_workspace(workspace), object_name, sources or ())
     server = open_viewer(port)
     show_view(server, shown)

@@ -32,6 +32,7 @@ def list_runs(
     from toolkit.core.console import console, list_skipped
     from toolkit.evaluation.summaries import build_runs_table, find_runs, parse_where, pick_rows
 
+    # conditions are read before the runs, which may be many
     wanted = [parse_where(text) for text in where or ()]
     runs, refused = find_runs(open_workspace(workspace))
     rows = pick_rows([row for run in runs for row in run.rows], wanted, everything)
@@ -60,6 +61,7 @@ def verify(
     from toolkit.models.load import load_classifier
 
     space = open_workspace(workspace)
+    # the run names its network, so that the option can be left out
     name = read_asked(space, run)[1]["model"]["name"]
     # by default the network of the run
     if network.model is None and network.weights is None:
@@ -93,12 +95,14 @@ def compare(
     from toolkit.evaluation.summaries import open_run
 
     space = open_workspace(workspace)
+    # tables of other programs, or runs of a workspace
     if all(Path(name).suffix.lower() in TABLE_SUFFIXES for name in (first, second)):
         found = compare_tables(Path(first), Path(second), captures, cluster)
     elif cluster is not None:
         raise FieldError("goes with CSV tables only: runs know their objects", {"cluster": cluster})
     else:
         found = compare_runs(space, open_run(space, first), open_run(space, second), captures)
+    # names hold slashes where runs lie in folders
     name = "-vs-".join(run.name.strip("/").replace("/", "-") for run in (found.first, found.second))
     page = write_comparison(out or space.eval_dir / "comparisons" / f"{name}.html", found)
     if as_json:
@@ -129,6 +133,7 @@ def report(
     from toolkit.evaluation.compare import write_index
     from toolkit.evaluation.summaries import Run, find_runs, open_run
 
+    # either names, or all
     if bool(names) == everything:
         raise FieldError("name runs, or give {everything}", {})
     space = open_workspace(workspace)
@@ -140,6 +145,7 @@ def report(
     # the page must be a file
     if not page.name or page.is_dir():
         raise FieldError("expected a file", {"out": page})
+    # runs that cannot be read, and images that are missing
     skipped = [*refused, *write_index(page, space, runs)]
     list_skipped(skipped)
     if as_json:
@@ -194,6 +200,7 @@ def export(
             raise one_of("format of a mesh", to, list(formats))
         from toolkit.rig.variants import export_objects
 
+        # a format by its own option, or by `--to`
         chosen = [name for name, is_asked in formats.items() if is_asked or to == name] or ["glb"]
         show_result(export_objects(open_workspace(workspace), objects, chosen, variant, out, card), as_json)
         return

@@ -53,6 +53,7 @@ def doctor(workspace: options.Workspace = None, as_json: options.Json = False) -
     if as_json:
         show_json([asdict(check) for check in checks])
     else:
+        # a sign besides the colour, which a log loses
         marks = {"ok": ("✓", "green"), "missing": ("✗", "red"), "note": ("•", "yellow")}
         for check in checks:
             mark, colour = marks[check.state]
@@ -192,6 +193,7 @@ def list_models(
     as_json: options.Json = False,
 ) -> None:
     """List the networks with weights on this machine: classes, licence, whether they can train boosters."""
+    # other questions than the list come first
     if check is not None:
         _check_detectors(model or [], check, device, open_workspace(workspace), as_json)
         return
@@ -239,6 +241,7 @@ def _check_detectors(models: list[str], photos: Path, device: str, space: Worksp
     done = []
     for model in models:
         detector = load_detector(model, None, device)
+        # named after the run, so that two detectors never write the same picture
         done.append(check_detector(model, detector, photos, space.eval_dir / "check" / f"{name_run(detector, ())}.png"))
     if as_json:
         show_json([asdict(checked) for checked in done])
@@ -263,6 +266,7 @@ def _show_models(rows: "list[SurveyedModel]", with_data: bool, with_speed: bool)
             "no" if not model.can_train else f"{trained:.0f}/s" if trained else "yes", model.licence or "not said",
         ])  # fmt: skip
     show_table(("--model", "kind", "classes", "px", *asked, "trains", "licence"), cells)
+    # why a network cannot be used, below the table
     for model in rows:
         if model.why_not:
             remark(f"{model.model}: {model.why_not}")

@@ -102,11 +102,13 @@ def _view_photos(space: Workspace, asked: "PreparedPatch", found: list[str], net
     from toolkit.core.console import list_skipped
     from toolkit.objects.records import printed_size_mm
 
+    # renders know where their patch is; only photographs are searched for it
     if asked.data.rig_source is not None:
         raise FieldError(
             "expected folders of photographs with {found}, and no renders", {"sources": asked.data.sources}
         )
     config, photos = asked.config, [Path(source) for source in asked.data.sources]
+    # the room of photographs finds the patch, and makes views for training of them
     views, skipped = ask_room("found patches")(
         space, photos, found, size_px=config.size_px, size_mm=config.size_mm or printed_size_mm(config.size_px),
         count=config.mounted_views, image_px=network.preprocessing.resize_px, seed=config.seed, device=network.device,
@@ -166,6 +168,7 @@ def train_classifier(
     from toolkit.training.classifier import train_classifier as run
 
     space = open_workspace(workspace)
+    # the core trains without patches; a room puts them on images
     pictures = None if patches is None else ask_room("patches in training")(space, patches)
     trained = run(
         config.with_overrides(seed=seed), space, pictures, out=out, device=device,

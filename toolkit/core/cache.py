@@ -39,6 +39,7 @@ def keep_arrays(kind: str, inputs: Sequence[object], make: Callable[[], Arrays])
         inputs: all inputs besides the package's sources: arrays, or objects that `repr` distinguishes.
         make: function that returns named arrays without Python objects.
     """
+    # without a folder that is safe, nothing is kept
     folder = _arrays_folder(cache_root())
     if folder is None:
         return make()
@@ -46,6 +47,7 @@ def keep_arrays(kind: str, inputs: Sequence[object], make: Callable[[], Arrays])
     digest = hashlib.sha256(_hash_sources())
     for part in inputs:
         if isinstance(part, np.ndarray):
+            # the shape too: arrays of other shapes may hold the same bytes
             digest.update(f"{part.dtype} {part.shape}".encode() + part.tobytes())
         else:
             digest.update(f"{part!r};".encode())
@@ -54,8 +56,10 @@ def keep_arrays(kind: str, inputs: Sequence[object], make: Callable[[], Arrays])
         content = file.read_bytes()
         # a damaged file is made again
         if hashlib.sha256(content[DIGEST_BYTES:]).digest() == content[:DIGEST_BYTES]:
+            # no pickles: arrays alone cannot run code
             with np.load(BytesIO(content[DIGEST_BYTES:]), allow_pickle=False) as stored:
                 found = {name: stored[name] for name in stored.files}
+            # the files that were used last are kept longest
             os.utime(file)
             return found
     made = make()
@@ -117,14 +121,17 @@ def explain_distrust(folder: Path) -> str:
     administrator, or be shared and sticky as /tmp is.
     """
     mine = os.geteuid()
+    # who may change folders above: this user or the administrator
     trusted = (mine, Path("/").stat().st_uid)  # the administrator, also in a container
     folder = folder.absolute()
+    # both as it is written and with links followed
     for above in dict.fromkeys((*folder.parents, *(folder.parent.resolve() / folder.name).parents)):
         facts = above.stat()
         if facts.st_uid not in trusted:
             return f"{above} belongs to another user"
         if _is_open(facts) and not facts.st_mode & stat.S_ISVTX:
             return f"others may write to {above}"
+    # nobody else can reach what lies in a closed folder
     is_closed = not folder.lstat().st_mode & OTHERS_READ_OR_WRITE
     for path in (folder, *folder.rglob("*")):
         try:

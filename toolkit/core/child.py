@@ -34,12 +34,14 @@ def run_python(code: str, given: bytes = b"", most_s: float | None = None) -> "s
         given: standard input.
         most_s: CPU seconds after which it is ended with the code `LATE`, or six times as many seconds of waiting.
     """
+    # the child limits itself before it runs the code
     limit = "" if most_s is None else f"from toolkit.core.child import limit_time; limit_time({most_s}); "
     command, longest = [sys.executable, "-c", f"{_begin()}{limit}\n{code}"], None if most_s is None else 6 * most_s
     try:
         done = subprocess.run(command, input=given, capture_output=True, check=False, timeout=longest)
     except subprocess.TimeoutExpired:
         return subprocess.CompletedProcess(command, LATE, b"", b"")
+    # the kernel's signal for too much processor time
     if most_s is not None and done.returncode == -signal.SIGXCPU:
         done.returncode = LATE
     return done
@@ -120,15 +122,18 @@ def find_cpu_quota(own: Path = Path("/proc/self/cgroup"), root: Path = Path("/sy
         own: file with a line `number:controllers:path` for each hierarchy of the process.
         root: mount point of the hierarchies: version 2 there or in `unified`, version 1 by their names.
     """
+    # the narrowest of all groups above this process counts
     least = math.inf
     for line in _read_text(own).splitlines():
         _, controllers, path = line.split(":", 2)
+        # a hierarchy of version 1 that does not count processor time
         if controllers and "cpu" not in controllers.split(","):
             continue
         mounts = (root / controllers, root / "cpu") if controllers else (root, root / "unified")
         inner = Path(path.lstrip("/"))
         # in a container the root may be its own group, while the path is that of the host
         for group in (mount / part for mount in mounts for part in (inner, *inner.parents)):
+            # version 2 writes quota and period into a single file, version 1 into two
             words = _read_text(group / "cpu.max") or " ".join(
                 _read_text(group / f"cpu.cfs_{name}_us") for name in ("quota", "period")
             )
@@ -175,10 +180,12 @@ def limit_memory(most_bytes: int) -> Iterator[None]:
         return
     mine = used + most_bytes
 
+    # the lowest of all limits now in force, and never above that from before
     def bound() -> None:
         lowest = [*_bounds, *(limit for limit in _before if limit != resource.RLIM_INFINITY)]
         resource.setrlimit(resource.RLIMIT_DATA, (min(lowest), _before[1]) if _bounds else _before)
 
+    # several threads may be within at once: whichever ends must not lift the limits of the others
     with _counting:
         if not _bounds:
             _before = resource.getrlimit(resource.RLIMIT_DATA)

@@ -167,14 +167,17 @@ class Config(FileRecord, metaclass=_ShortHelp):
         below: dict[str, dict[str, Any]] = {}
         for path, value in {**(overrides or {}), **by_name}.items():
             name, _, rest = path.partition(".")
+            # a path with a dot changes a field of a part; True and False switch a part on, with its defaults, or off
             if rest:
                 below.setdefault(name, {})[rest] = value
             elif isinstance(value, bool) and (make := part_maker(type(self), name)) is not None:
                 values[name] = (values[name] or make()) if value else None
             else:
                 values[name] = value
+        # parts last, so that a part that was just switched on can be changed too
         for name, some in below.items():
             values[name] = _override_part(name, values.get(name), some)
+        # made anew, as only that validates
         return type(self)(**values)
 
     def rows(self) -> list[tuple[str, str]]:
@@ -197,21 +200,26 @@ def explain(config: type[Config], values: Mapping[str, Any], error: ErrorDetails
         info, found = owner.model_fields[name], found.get(name) if isinstance(found, Mapping) else None
         names.append(name)
         owner = next((kind for kind in _members(info.annotation) if is_config(kind)), None)
+    # a name that no field has: the nearest known is told
     if error["type"] == "extra_forbidden":
         return one_of("setting", str(error["loc"][-1]), list((owner or config).model_fields))
     path = ".".join(names)
+    # an error of the whole config names no field
     if info is None:
         return ToolkitError(str(error["msg"]).removeprefix("Value error, "))
     if error["type"] == "missing":
+        # in braces, so that commands show the flag, and Python the field
         return FieldError(f"{{{path}}}: expected {expected_of(info) or 'a value'}; it has no default", {})
     if error["type"] == "value_error":
         return FieldError(str(error["ctx"]["error"]), {path: found})
+    # pydantic's own words only where a field has none
     words = expected_of(info, found) or error["msg"].replace("Input should be ", "")
     return FieldError(f"expected {words}", {path: found})
 
 
 def expected_of(info: FieldInfo, found: object = None) -> str:
     """Return what a field can hold, in words, from its type and bounds."""
+    # a field may state its own words
     for mark in info.metadata:
         if isinstance(mark, Expect):
             return mark.words
@@ -275,12 +283,15 @@ def part_maker(config: type[Config], name: str) -> Callable[[], object] | None:
 def describe(value: object, name: str = "", between: str = " to ") -> str:
     """Return a value in words, with the unit in its name; of a part all fields, probabilities last."""
     if isinstance(value, Config) or (is_dataclass(value) and not isinstance(value, type)):
+        # a part may describe itself
         if hasattr(value, "describe"):
             return str(value.describe())
         names = list(type(value).model_fields) if isinstance(value, Config) else [field.name for field in fields(value)]
+        # fields that are off are left out
         held = [field for field in names if getattr(value, field) is not None]
         held.sort(key=lambda name: name.endswith("probability"))
         return ", ".join(f"{_name_words(field)} {_describe_field(value, field)}" for field in held)
+    # the unit is the end of the name, such as `_mm`
     unit = UNITS.get(_unit_of(name), "")
     if isinstance(value, tuple) and len(value) == 2 and all(isinstance(item, int | float) for item in value):
         return f"{value[0]:g}{between}{value[1]:g}{unit}"

@@ -143,6 +143,7 @@ def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iter
 
     If stderr is no terminal, print a line at the start, after 10 s, and ever more rarely, up to every 5 minutes.
     """
+    # no bar, but something to advance
     if quiet or _is_quiet:
         yield Ticker(None, TaskID(0))
         return

@@ -18,6 +18,7 @@ def import_package(name: str, extra: str, what: str, way_out: str = "") -> Modul
     Raises:
         ToolkitError: it is not installed.
     """
+    # imported at its first use, so that all else works without it
     try:
         return import_module(name)
     except ImportError as error:

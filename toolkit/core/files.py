@@ -89,6 +89,7 @@ def open_plain(path: Path) -> BinaryIO:
     kind = os.fstat(number).st_mode
     if stat.S_ISREG(kind):
         file = os.fdopen(number, "rb")
+        # a clone without Git LFS holds a few lines in place of each large file
         if file.peek(len(POINTER)).startswith(POINTER):
             file.close()
             raise OSError(errno.EINVAL, "it is a Git LFS pointer, not the file: run 'git lfs pull' there", str(path))
@@ -105,8 +106,10 @@ def open_in_place(path: Path, flags: int = 0) -> int:
     Raises:
         OSError: it is a link, has a second name, is not a plain file, or may not be written.
     """
+    # without waiting for a pipe's other end, without following a link
     number = os.open(path, os.O_RDWR | os.O_CREAT | NO_WAITING | NO_FOLLOWING | flags, 0o666)
     facts = os.fstat(number)
+    # a second name could be a file outside of the workspace
     if stat.S_ISREG(facts.st_mode) and facts.st_nlink < 2:
         return number
     os.close(number)
@@ -148,6 +151,7 @@ def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     """
     path = Path(path)
     try:
+        # checked before the first byte is written
         make_folder(path.parent, root)
         _check_replaceable(path)
         number, partial = _open_partial(path)
@@ -200,11 +204,13 @@ def make_folder(folder: Path, root: Path | None = None) -> Path:
         # links are followed on both sides, or a link within would lead out
         home = real_path(root)
         try:
+            # the folder need not exist yet
             place = Path(folder).resolve()
         except (ValueError, OSError, RuntimeError) as error:  # a null byte; a loop of links
             raise ToolkitError(f"cannot write to {str(folder)!r}: {error}") from None
         if not place.is_relative_to(home):
             raise ToolkitError(f"'{folder}' leads outside {home}, to {place}: nothing is written there")
+    # a link in a workspace from somebody else is not followed
     check_links(folder)
     try:
         with contextlib.suppress(FileNotFoundError):  # another process has just removed an empty folder above
@@ -251,6 +257,7 @@ def walk_folders(
         except OSError:  # links in a circle
             return False
 
+    # a stack in place of recursion, the last folder on top
     waiting = [Path(root)]
     while waiting:
         here = waiting.pop()
@@ -262,6 +269,7 @@ def walk_folders(
             continue
         folders = sorted(name for name, is_dir in kinds.items() if is_dir)
         yield here, folders, sorted(name for name, is_dir in kinds.items() if not is_dir)
+        # reversed, so that folders come in the order of their names
         waiting += [here / name for name in reversed(folders) if not (here / name).is_symlink()]
 
 
@@ -295,10 +303,12 @@ def move_file(file: Path, path: Path, root: Path) -> Path:
 def link_file(original: Path, path: Path, root: Path) -> bool:
     """Make a hard link to a file at `path`; False on another disk, or without links. Raises as `open_whole`."""
     make_folder(path.parent, root)
+    # a name of its own, which then replaces the file in a single step
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
         partial.hardlink_to(original.resolve())
     except OSError:
+        # another disk, or a file system without links
         return False
     try:
         _check_replaceable(path)
@@ -345,6 +355,7 @@ def load_json(path: Path) -> Any:
 def _load_json(path: Path) -> tuple[Any, list[str]]:
     """Return the content, and the names of NaN and infinities, which are no JSON."""
     text = _read_text(path, MOST_JSON_BYTES)
+    # Python's reader takes NaN and infinities, which no other program reads
     constants: list[str] = []
 
     def note(name: str) -> float:
@@ -438,14 +449,17 @@ def explain_validation(error: ValidationError) -> str:
     first = error.errors()[0]
     field = ".".join(str(part)[:40] for part in first["loc"])
     if first["type"] == "missing":
+        # pydantic counts items from 0, people from 1
         place, _, last = field.rpartition(".")
         return f"field '{place}' has no item {int(last) + 1}" if last.isdigit() else f"field '{field}' is missing"
     if first["type"] == "extra_forbidden":
         return f"there is no field '{field}'"
+    # pydantic names Python's classes here
     is_model = first["type"] in ("model_type", "model_attributes_type", "dataclass_type")
     words = "expected named fields" if is_model else first["msg"].removeprefix("Value error, ")
     words = words.replace("Input should be", "expected")
     if field or first["type"] != "value_error":
+        # what was found is shown as it stands in the file
         found = json.dumps(first["input"], default=str)
         words += f", found {found if len(found) <= 80 else f'{found[:77]}...'}"
     return f"field '{field}': {words}" if field else words
@@ -455,6 +469,7 @@ def inside(root: Path, relative: str) -> Path:
     """Return `root / relative` for a path from a file; a `ToolkitError` if it leaves `root` or is no path."""
     root = Path(root).resolve()
     try:
+        # followed, so that a link inside that leads out is found
         path = (root / relative).resolve()
         is_usable = all(len(os.fsencode(part)) <= MOST_NAME_BYTES for part in path.parts)
         if any(place.is_symlink() for place in (path, *path.parents)):

@@ -25,6 +25,7 @@ def check_links(folder: Path) -> None:
     are the user's own and are followed.
     """
     place = Path(folder).absolute()
+    # part by part, as each link on the way counts by itself
     real = Path(place.anchor)
     for part in place.parts[1:]:
         below = real.parent if part == ".." else real / part

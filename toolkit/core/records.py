@@ -46,9 +46,11 @@ def hold_folder(folder: Path, name: str = LOCK) -> Iterator[None]:
     check_links(folder)  # before links are followed
     file = real_path(Path(folder)) / name
     mine: set[Path] = _held.__dict__.setdefault("files", set())
+    # taken before by the same thread, as commands call each other
     if file in mine:
         yield
         return
+    # a folder that was made for the lock alone is removed again
     is_new = not file.parent.exists()
     number = _lock(file)
     mine.add(file)
@@ -65,6 +67,7 @@ def hold_folder(folder: Path, name: str = LOCK) -> Iterator[None]:
 
 def _lock(file: Path) -> int:
     is_said = False
+    # a lock whose file was removed meanwhile locks nothing, so another is taken
     while True:
         make_folder(file.parent)
         try:
@@ -72,6 +75,7 @@ def _lock(file: Path) -> int:
             try:
                 fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
+                # who holds it is told once
                 if not is_said:
                     from toolkit.core.console import notice
 
@@ -82,6 +86,7 @@ def _lock(file: Path) -> int:
                 fcntl.flock(number, fcntl.LOCK_EX)
             # without a name, its last holder removed it between our opening and our lock
             if os.fstat(number).st_nlink:
+                # who holds it, for those who wait
                 os.truncate(number, 0)
                 os.write(number, f"{os.getpid()} ({' '.join(['toolkit', *sys.argv[1:2]])})".encode())
                 return number
@@ -129,6 +134,7 @@ class RecordLog(Generic[Record]):
                 try:
                     record = self.model.model_validate_json(text)
                 except ValidationError as error:
+                    # a line without an end was cut short by a kill, and the next append drops it
                     if self.required and (line.endswith(b"\n") or len(line) == MOST_LINE_BYTES):
                         why = explain_validation(error)
                         raise ToolkitError(f"{self.file}: line {number} is broken ({why}): delete that line") from None
@@ -148,8 +154,10 @@ class RecordLog(Generic[Record]):
         content = "".join(f"{line}\n" for line in lines).encode()
         try:
             make_folder(self.file.parent)
+            # appended, so that two writers do not overwrite each other
             number = open_in_place(self.file, os.O_APPEND)
             with os.fdopen(number, "a+b") as stream:
+                # a line that was cut short would swallow the next
                 _end_last_line(stream)
                 stream.write(content)
                 stream.flush()

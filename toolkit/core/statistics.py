@@ -147,8 +147,10 @@ def paired_difference_interval(both: int, first_only: int, second_only: int, nei
     """
     n = both + first_only + second_only + neither
     if n == 0:
+        # nothing is known without pairs
         return -1.0, 1.0
     share_1, share_2 = (both + first_only) / n, (both + second_only) / n
+    # each share's own interval, which Newcombe combines
     low_1, high_1 = wilson_interval(both + first_only, n)
     low_2, high_2 = wilson_interval(both + second_only, n)
     phi = _corrected_phi(both, first_only, second_only, neither)
@@ -157,6 +159,7 @@ def paired_difference_interval(both: int, first_only: int, second_only: int, nei
     def reach(a: float, b: float) -> float:
         return sqrt(max(0.0, a * a - 2 * phi * a * b + b * b))
 
+    # pairs with the same outcome twice count in n alone
     difference = (first_only - second_only) / n
     low = difference - reach(share_1 - low_1, high_2 - share_2)
     high = difference + reach(high_1 - share_1, share_2 - low_2)
@@ -260,9 +263,12 @@ def rank_correlation(first: Sequence[float], second: Sequence[float]) -> RankCor
     n = len(first)
     if n < FEWEST_RANKS:
         return RankCorrelation(n, None, why="too few")
+    # ranks that are all equal have no order to compare
     if min(first) == max(first) or min(second) == max(second):
         return RankCorrelation(n, None, why="all equal")
+    # rounding may leave [-1, 1]
     rho = max(-1.0, min(1.0, float(scipy.stats.spearmanr(first, second).statistic)))
+    # an interval needs a finite z
     if n < FEWEST_FOR_INTERVAL or abs(rho) > 1 - 1e-12:
         return RankCorrelation(n, rho)
     # on Fisher's scale, z = atanh(rho)

@@ -141,6 +141,7 @@ def build_table(
 
     from toolkit.core.console import console
 
+    # as plain text: square brackets in names are no markup
     table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
     cells = [[escape(cell) for cell in row] for row in rows]
     broken = [[*(BREAKS.sub("/ ", cell) for cell in row[: len(texts)]), *row[len(texts) :]] for row in cells]

@@ -74,6 +74,7 @@ def map_ahead(
         try:
             for item in items:
                 waiting.append(pool.submit(make, item))
+                # no further ahead, so that finished items do not fill the memory
                 if len(waiting) > (ahead or 2 * threads):
                     yield waiting.popleft().result()
             while waiting:

@@ -201,6 +201,7 @@ def open_workspace(folder: Path | str | None = None, *, is_needed: bool = False)
                 "'toolkit init FOLDER' makes one"
             )
         root = found or here
+    # read for its errors alone: it holds nothing but its version
     if (root / MARKER).is_file():
         read_toml(root / MARKER, WorkspaceFile)
     return Workspace(root)
@@ -241,6 +242,7 @@ def make_workspace(folder: Path | str) -> Workspace:
     for file, text in ((space.objects_dir / "README.txt", SPEC_GUIDE), (space.root / MARKER, MARKER_TEXT)):
         if not file.exists():
             write_text(file, text)
+    # opened, so that a broken file is told at once
     return open_workspace(space.root)
 
 

@@ -100,12 +100,15 @@ def blur_along(planes: torch.Tensor, radius_px: float, sigma_px: float, angles_d
     """Blur (b, c, h, w) float32, each image along its own angle (b,), see `motion_taps`; edge pixels are repeated."""
     height, width = planes.shape[-2:]
     blurred = []
+    # each image has an angle of its own
     for image, angle in zip(planes, angles_deg.tolist(), strict=True):
         taps = motion_taps(radius_px, sigma_px, angle)
+        # as much border as the taps reach on each side
         left, right = max(-dx for dx, _, _ in taps), max(dx for dx, _, _ in taps)
         above, below = max(-dy for _, dy, _ in taps), max(dy for _, dy, _ in taps)
         padded = F.pad(image[None], (left, right, above, below), mode="replicate")[0]
         target = torch.zeros_like(image)
+        # a tap is the image moved by whole pixels, with a weight
         for dx, dy, weight in taps:
             top, start = above + dy, left + dx
             target.add_(padded[:, top : top + height, start : start + width], alpha=weight)

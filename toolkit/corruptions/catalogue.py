@@ -209,6 +209,7 @@ def parse_severities(kind: str, word: str, default: Sequence[int] = SEVERITIES) 
     if not colon:
         return default
     match = SEVERITY_WORDS.fullmatch(after)
+    # a word that does not match becomes an empty range
     first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
     if first > last:
         raise ToolkitError(f"{kind} '{word}': severity '{after}': expected one of 1 (slight) to 5 (severe), or a range")

@@ -86,6 +86,7 @@ def saturate(images: torch.Tensor, change: tuple[float, float], draws: RandomStr
     depth = value - images  # what each channel lacks
     chroma = depth.amax(1, keepdim=True)
     saturation = chroma / value.clamp(min=1e-12)
+    # the S that is wanted, times V: what the channels then lack
     wanted = (saturation * factor + summand).clamp_(0, 1) * value
     return value - torch.where(chroma > 0, depth * (wanted / chroma.clamp(min=1e-12)), red * wanted)
 

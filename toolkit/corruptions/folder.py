@@ -100,6 +100,7 @@ def find_sources(folder: Path, out: Path, image_format: str) -> tuple[list[Sourc
     Raises:
         ToolkitError: the folder does not exist or may not be read.
     """
+    # what an earlier run made within the folder is no source
     real_out = real_path(out)
 
     def is_made(path: Path) -> bool:
@@ -150,6 +151,7 @@ def read_picture(file: Path, size_px: int | None) -> np.ndarray:
         UnreadableImage: it does not decode, or is smaller than 16 px.
     """
     pixels = read_image(file)
+    # a picture that has the size already stays as it is
     if size_px is not None and pixels.shape[:2] != (size_px, size_px):
         grown, kept = MARGIN
         how = Preprocessing(round(size_px * grown / kept), size_px, (0, 0, 0), (1, 1, 1))
@@ -176,6 +178,7 @@ def render(
 ) -> list[bytes]:
     """Corrupt pictures of the same size, and return the bytes of their files."""
     images = from_bytes(np.stack([image.pixels for image in batch]), device)
+    # by path, so that other images of the folder change nothing
     seeds = [image_seed(seed, image.source.path) for image in batch]
     pixels = to_bytes(corrupt(images, name, severity, seeds))
     files = [b""] * len(batch)
@@ -340,6 +343,7 @@ def _load(
                     trouble[index].append((target, CHANGED))
                 else:
                     wanted[item] = target
+            # read only if something is missing
             if wanted:
                 slots[index] = LoadedImage(source, read_picture(source.file, size_px), sha256, wanted)
         except UnreadableImage as error:
@@ -402,6 +406,7 @@ def _corrupt_file(
     loaded = LoadedImage(SourceImage(source, source.name, out.name), pixels, "", {})
     content = render([loaded], name, severity, seed=seed, image_format=image_format, device=device)[0]
     result.sizes.update([(choose_parameters(*pixels.shape[:2]), *pixels.shape[:2])])
+    # a file that is there is kept if it is the same, and never overwritten
     if not out.exists():
         write_bytes(out, content)
         result.made += 1

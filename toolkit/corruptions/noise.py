@@ -44,6 +44,7 @@ def draw_poisson(levels: torch.Tensor, scale: float, top: int, draws: RandomStre
     distribution, start = (table.to(levels.device) for table in _tables(scale, top))
     counts = distribution.shape[1]
     shape, chance, levels = levels.shape, draws.uniform(*levels.shape[1:]).flatten(), levels.flatten()
+    # which bucket of its level each uniform number falls into
     bucket = (chance * BUCKETS).int().add_(levels, alpha=BUCKETS)
     # of (level, count) in the table laid out as one row
     place = start.flatten().index_select(0, bucket).int().add_(levels, alpha=counts)

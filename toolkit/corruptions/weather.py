@@ -199,6 +199,7 @@ def cut_frost(height: int, width: int, scale: float, draws: RandomStreams) -> li
     """
     panes = _panes_on(draws.device, scale)
     pieces = []
+    # which pane, and where in it, as shares: panes may have any size
     for which, *corner in draws.uniform(3).tolist():
         piece = panes[int(which * len(panes))]
         for axis, (start, length) in enumerate(zip(corner, (height, width), strict=True), 1):
@@ -230,10 +231,12 @@ def add_spatter(images: torch.Tensor, shape: tuple[float, ...], draws: RandomStr
     water's strength, or the sigma of the mud's blur in px, and 0 for water or 1 for mud.
     """
     mean, deviation, sigma_px, threshold, strength, is_mud = shape
+    # a layer of drops for all channels together
     noise = draws.normal(1, *images.shape[-2:]) * deviation + mean
     liquid = blur_gaussian(noise, sigma_px)
     colour = torch.tensor(MUD if is_mud else WATER, device=images.device)[:, None, None]
     if is_mud:
+        # edges are softened, and cut off again where they are thin
         cover = blur_gaussian((liquid > threshold).float(), strength)
         cover = torch.where(cover < LEAST_MUD, 0.0, cover)
         return torch.lerp(images, colour, cover)

@@ -75,6 +75,7 @@ def _look_ahead(
     unit, begin = next(rest, None), None
     while unit is not None:
         following, begin_following = None, None
+        # a unit may begin early on a core that is free
         if unit.begins_early and count_cores() > 1:
             following = next(rest, None)
             if following is not None and following.begins_early:

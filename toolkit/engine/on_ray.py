@@ -103,6 +103,7 @@ class RayEngine:
             "runtime_env": {"py_modules": [str(kit)], "working_dir": nothing, "excludes": ["**/__pycache__/**"]},
             "log_to_driver": False, "logging_level": "ERROR",
         }  # fmt: skip
+        # a cluster of its own, which other machines cannot reach
         if self.address is None:
             settings |= {"include_dashboard": False, "num_cpus": self.workers, "_node_ip_address": "127.0.0.1"}
         try:

@@ -141,6 +141,7 @@ def run_ahead(
     waiting: deque[tuple[Unit[Result], Pending]] = deque()
     rest = iter(units)
     while True:
+        # more units than workers, so that no worker waits for the driver
         waiting.extend((unit, begin(unit)) for unit in islice(rest, max(0, PREFETCH * workers - len(waiting))))
         if not waiting:
             return
@@ -148,6 +149,7 @@ def run_ahead(
         unit, pending = waiting.popleft()
         results, reason = end(unit, pending, waiting)
         yield from (Outcome(unit, key, result) for key, result in zip(unit.keys, results, strict=False))
+        # work that stops early gives fewer results than its unit has keys
         if not reason and len(results) != len(unit.keys):
             reason = f"gave {len(results)} results, expected {len(unit.keys)}"
         if reason:
@@ -219,6 +221,7 @@ def run_resumable(
     Raises:
         ToolkitError: the first units all failed for the same reason, nothing could be done, or the disk is full.
     """
+    # in weights, so that the bar also counts what earlier runs did
     todo, total = sum(map(weigh, missing.values())), sum(map(weigh, wanted.values()))
     failed: list[tuple[str, str]] = []
     log = _FailureLog(folder)

@@ -21,6 +21,7 @@ def check_run_name(name: str) -> str:
 
 def read_corruptions(given: object) -> object:
     """Return the (name, severity) pairs of words such as `fog:3`, `noise:1-3`, `common`; pairs stay as they are."""
+    # brings torch, which the settings can do without
     from toolkit.corruptions.catalogue import parse_corruptions
 
     each = [given] if isinstance(given, str) else given

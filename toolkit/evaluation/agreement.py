@@ -120,6 +120,7 @@ class RendererAgreement:
     @cached_property
     def pairs(self) -> tuple[RendererPair, ...]:
         """Return a comparison of every two renderers."""
+        # the bare object first, then boosters, then controls
         variants = sorted({key[1] for key in self.images[0]}, key=lambda name: (name != UNPATCHED, rank_variant(name)))
         found = []
         for at, (one, other) in enumerate(combinations(range(len(self.sources)), 2)):
@@ -180,6 +181,7 @@ def compare_renderers(predictions: Sequence[Prediction]) -> list[RendererAgreeme
     Images are the same if object, variant, pose, camera, booster and all settings but those of the renderer agree.
     Sources are compared under the same corruption alone.
     """
+    # images by what they show: object, variant and pose
     by_source: dict[str, Images] = defaultdict(dict)
     for prediction in predictions:
         capture = prediction.capture
@@ -197,6 +199,7 @@ def compare_renderers(predictions: Sequence[Prediction]) -> list[RendererAgreeme
     for base in order:
         if base in placed:
             continue
+        # a source joins if its renderer is new to the family and an image is the same by its manifest
         family = [base]
         for other in order:
             if all(renderers[other] != renderers[one] for one in family) and any(
@@ -242,8 +245,11 @@ def _is_same(one: Prediction, other: Prediction) -> bool:
 
 def add_colours(found: RendererAgreement, workspace: Workspace) -> RendererAgreement:
     """Return the same agreement with colours of object pixels compared; corrupted images are left out."""
+    # corrupted images differ in more than the renderer
     keys = [key for key, image in found.images[0].items() if image.capture.corruption is None]
+    # boosters may be dark or bright: the unmodified object compares renderers best
     bare = [key for key in keys if key[1] == UNPATCHED] or keys
+    # images spread evenly over the list
     chosen = (
         [bare[at] for at in np.unique(np.linspace(0, len(bare) - 1, MOST_COLOURS).round().astype(int))] if bare else []
     )
@@ -252,6 +258,7 @@ def add_colours(found: RendererAgreement, workspace: Workspace) -> RendererAgree
         masks, _ = outline_captures(shown, workspace)
     except ToolkitError:
         masks = {}  # objects whose shape is gone, which answers do not need
+    # only the object's pixels: its outline comes from mesh and camera
     outlined = [(key, masks[one.path].mask) for key, one in zip(chosen, shown, strict=True) if one.path in masks]
     labs = [[_read_lab(own[key].capture, mask) for key, mask in outlined] for own in found.images]
     return replace(found, colours=tuple(_compare_colours(one, other) for one, other in combinations(labs, 2)))
@@ -266,11 +273,13 @@ def _read_lab(capture: Capture, mask: np.ndarray) -> np.ndarray | None:
 
 
 def _compare_colours(one: Sequence[np.ndarray | None], other: Sequence[np.ndarray | None]) -> ColourGap | None:
+    # an image counts only where both renderers showed the object
     both = [(a, b) for a, b in zip(one, other, strict=True) if a is not None and b is not None]
     if not both:
         return None
     first, second = (np.concatenate(side) for side in zip(*both, strict=True))
     gap = delta_e2000(first, second)
+    # by lightness of the first: the darkest and the lightest quarter
     low, high = np.quantile(first[:, 0], (0.25, 0.75))
     numbers = (
         np.median(gap), np.quantile(gap, 0.9), (second[:, 0] - first[:, 0]).mean(),
@@ -303,12 +312,14 @@ def say_where(outcomes: Mapping[str, PairedOutcomes]) -> tuple[str, str]:
     """Return tone and words, `holds in all 3 renderers`, of a gain with these outcomes by renderer."""
     holds = [name for name, found in outcomes.items() if found.second_is_better]
     harms = [name for name, found in outcomes.items() if found.first_is_better]
+    # open until it holds in all of them
     tone = "open"
     if len(holds) == len(outcomes):
         tone, words = "good", f"holds in {'both' if len(holds) == 2 else f'all {len(holds)}'} renderers"
     else:
         start = f"holds in {join_words(holds)}, and is" if holds else "is"
         words = f"{start} not shown in {join_words([name for name in outcomes if name not in holds])}"
+    # harm in any renderer outweighs the gains in others
     if harms:
         tone, words = "bad", f"{words}; it does harm in {join_words(harms)}"
     return tone, words

@@ -60,11 +60,13 @@ def check_detector(model: str, detector: Detector, folder: Path, picture: Path) 
     Raises:
         ToolkitError: there is no photograph, or a photograph cannot be read.
     """
+    # in the order of their names, so that the same photographs are checked again
     files = sorted(file for file in folder.rglob("*") if is_image_name(file.name)) if folder.is_dir() else []
     if not files:
         raise FieldError("expected a folder with photographs in it, found none", {"check": folder})
     photos = [read_image(file) for file in files[:MOST_PHOTOS]]
     found, boxes, score = _measure(detector, photos)
+    # another preprocessing must be clearly better, or chance would advise to change it
     best = ("", boxes, CLEARLY * score + 0.25)
     others = list(_vary(detector)) if isinstance(detector, DenseDetector) else []
     with progress(f"checking {detector.name}", len(others)) as ticker:

@@ -123,6 +123,7 @@ class RunComparison:
     def cluster_sentence(self) -> str:
         """Result over clusters, or why the p value may be too small."""
         over = self.over_clusters
+        # without clusters the test counts images as independent
         if not self.cluster_of:
             return (
                 "Each image counts as an independent draw. If several images show the same object, name the column "
@@ -190,6 +191,7 @@ def compare_runs(workspace: Workspace, first: Run, second: Run, captures_dir: Pa
     pairs = _pair_images(said[0], said[1], folders, is_one)
     if not pairs:
         raise ToolkitError(f"{first.name} and {second.name} share no image: compare runs of the same captures")
+    # images that a single run read are counted, and not compared
     left = [sum(prediction.is_read for prediction in own) - len(pairs) for own in said]
     # images of an object share what makes it easy or hard: they are a cluster
     objects = tuple(pair.first.capture.object for pair in pairs)
@@ -224,6 +226,7 @@ def list_differences(first: Run, second: Run, pairs: Sequence[Pair]) -> Iterator
     if network.preprocessing and other.preprocessing and network.preprocessing != other.preprocessing:
         whose = f"{network.preprocessing} in {first.name}; {other.preprocessing} in {second.name}"
         yield f"the networks see images differently: {whose}"
+    # the same name with another identity: results under it must not be mixed up
     if (
         network.name == other.name != ""
         and network.network_id
@@ -237,6 +240,7 @@ def list_differences(first: Run, second: Run, pairs: Sequence[Pair]) -> Iterator
 def _find_renamed(pairs: Sequence[Pair]) -> tuple[int, str, str] | None:
     """Return an output that the runs name differently, with both names; None if no image shows any."""
     names: tuple[dict[int, str], dict[int, str]] = {}, {}
+    # an output's name, as the predictions of each run show it
     for pair in pairs:
         for known, prediction in zip(names, (pair.first, pair.second), strict=True):
             known[prediction.true_index] = prediction.true_label
@@ -368,6 +372,7 @@ def _gather_flips(workspace: Workspace, runs: Sequence[Run]) -> tuple[list[tuple
             refused.append((run.name, str(error)))
             continue
         flips = list_flips(pair_with_unpatched(index_poses(predictions)))
+        # each run gives some of its flips, in turns
         decks.append([(run, pair) for some in flips for pair in some.shown[:MAX_FLIPS_OF_RUN]])
     longest = max(map(len, decks), default=0)
     return [deck[at] for at in range(longest) for deck in decks if at < len(deck)], refused
@@ -376,6 +381,7 @@ def _gather_flips(workspace: Workspace, runs: Sequence[Run]) -> tuple[list[tuple
 def _describe_run_flip(run: Run, pair: Pair, numbers: dict[str, int]) -> dict[str, Any]:
     """Return what the page shows of a flip; a picture is its number on the page, None if the image is gone."""
     capture = pair.second.capture
+    # the row of its source and variant, else the run's first
     row = next((row for row in run.rows if (row.source, row.variant) == (capture.source, capture.variant)), run.rows[0])
     cells = (pair.first, pair.second)
     return {

@@ -167,6 +167,7 @@ def _read_lines(table: ForeignTable, cluster: str | None) -> AnswerTable:
     if cluster is not None and cluster.lower() not in table.heads:
         raise FieldError(f"{file} has no such column: expected one of {_some(table.heads, 12)}", {"cluster": cluster})
     cluster_at = table.find(CLUSTER if cluster is None else (cluster.lower(),))
+    # an image's line by its name: the order of lines does not count
     answers: dict[str, Answer] = {}
     # lines
     for number, cells in table.lines:
@@ -182,6 +183,7 @@ def _read_lines(table: ForeignTable, cluster: str | None) -> AnswerTable:
         answers[name] = Answer(truth, guess, is_right, "" if cluster_at is None else cells[cluster_at])
     by = "" if cluster_at is None else table.heads[cluster_at]
     read = AnswerTable(file, answers, by)
+    # without a column of correct answers the labels must be compared
     return read if right_at is not None else _match_labels(read)
 
 
@@ -191,6 +193,7 @@ def _choose_labels(table: ForeignTable, by_name: bool) -> tuple[int | None, int 
     With `by_name` names come first: unlike numbers, they mean the same in two lists of labels. Otherwise the order is
     that of `TRUTH`: two classes may share a name.
     """
+    # every pair of columns that may state truth and answer
     truths, guesses = ([at for name in names if (at := table.find([name])) is not None] for names in (TRUTH, GUESS))
     pairs = [(truth, guess) for truth in truths for guess in guesses]
     for truth, guess in sorted(pairs, key=lambda pair: by_name and _is_numeric(table, pair[0])):
@@ -227,6 +230,7 @@ def _match_labels(table: AnswerTable) -> AnswerTable:
 
 def _has_two_spellings(table: AnswerTable) -> bool:
     """Whether labels differ only in case, blanks, - or _, as ImageNet's dog 'Cardigan' and jacket 'cardigan' do."""
+    # spellings of each label, in the truths and in the predictions
     spellings: dict[str, tuple[set[str], set[str]]] = {}
     for answer in table.answers.values():
         for column, label in enumerate((answer.truth, answer.guess)):
@@ -245,6 +249,7 @@ def _has_two_spellings(table: AnswerTable) -> bool:
 def _check_counting(file: Path, answers: dict[str, Answer]) -> None:
     """Refuse labels that agree much better if one column counts from 1 and the other from 0."""
     numbers = [(spell(answer.truth), spell(answer.guess), answer.is_right) for answer in answers.values()]
+    # only if every label is a whole number
     whole = [(int(truth), int(guess), is_right) for truth, guess, is_right in numbers if _are_whole(truth, guess)]
     if not whole or len(whole) < len(numbers):
         return
@@ -282,6 +287,7 @@ def _check_vocabulary(table: AnswerTable, rival: AnswerTable) -> None:
 def _compare_truths(first: AnswerTable, second: AnswerTable, names: Sequence[str]) -> list[str]:
     """Return a note if the tables write the same truths in two ways; a `ToolkitError` if the truth differs."""
     both = [(name, first.answers[name].truth, second.answers[name].truth) for name in names]
+    # only images for which both tables state the truth
     known = [(name, truth, other_truth) for name, truth, other_truth in both if truth and other_truth]
     apart = [(name, truth, other_truth) for name, truth, other_truth in known if spell(truth) != spell(other_truth)]
     if not apart:

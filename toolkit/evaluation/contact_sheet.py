@@ -146,6 +146,7 @@ def make_thumbnails(
     An image that is corrupted when it is read is shown as the network sees it; without a network it is left out.
     """
 
+    # corrupted when it is read: it is shown as the network sees it, or not at all
     def make(capture: Capture) -> str | None:
         if capture.pending_corruption is None:
             try:
@@ -203,12 +204,14 @@ class ContactSheet:
 
 def lay_out(predictions: Sequence[Prediction], max_pictures: int = MAX_PICTURES) -> tuple[list[ContactSheet], int]:
     """Return contact sheets by source and object, thinned to `max_pictures`, and the number of hidden objects."""
+    # a sheet for each source and object
     members: dict[tuple[str, str], list[Prediction]] = defaultdict(list)
     for prediction in predictions:
         members[(prediction.capture.source, prediction.capture.object)].append(prediction)
     keys = sorted(members)
     cards = {key: _deal(members[key]) for key in keys}
     widest = max((len(card.cells) for deck in cards.values() for card in deck), default=1)
+    # of too many, some sheets are shown, each with some of its cards
     shown = keys if len(predictions) <= max_pictures else _thin(keys, max(1, max_pictures // widest))
     sheets = []
     for key in shown:

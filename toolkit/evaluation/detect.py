@@ -287,6 +287,7 @@ def _find_classes(
     for name in objects:
         try:
             spelling = read_spec(specs[name]).class_name if name in specs else name
+            # the class stands in the spec; without a spec the folder's name is the class
             classes[name] = detector_class(detector, spelling)
         except ToolkitError as error:
             reasons.append(f"'{name}' left out: {detector.name} does not know its class: {error}")
@@ -358,6 +359,7 @@ def write_detection_report(path: Path, run: DetectionRun, detector: Detector) ->
     flipped = {image.capture.path for some in mixed for image in some}
 
     def rank(image: DetectedImage) -> tuple[object, ...]:
+        # changed pairs first, then by source, object and pose
         shot = image.capture
         number = -1 if shot.pose_id is None else shot.pose_id
         return shot.path not in flipped, shot.source, shot.object, number, rank_variant(shot.variant)

@@ -97,6 +97,7 @@ def evaluate_captures(
             broken, or the folder cannot be written.
     """
     findings, notes = judge_captures(captures_dir, workspace, classifier, config)
+    # the run's name comes from clean sources: corrupted sources are derived from them
     clean = [prediction.capture.source for prediction in findings.predictions if prediction.capture.corruption is None]
     wanted = workspace.eval_dir / (config.run or name_run(classifier, clean))
     asked = describe_asked(captures_dir, workspace, config)
@@ -115,6 +116,7 @@ def judge_captures(
     kept = tuple(prediction.capture for prediction in predictions)
     folder = replace(folder, captures=kept, set_aside=(*folder.set_aside, *found))
     findings = compare_predictions(classifier.name, predictions, folder.refused_folders)
+    # which boosters the network was trained with, and how the images came to be
     training = find_training(folder.captures, workspace, classifier.weights.sha256, hash_network_tensors(classifier))
     origin = find_origin(folder, findings.no_pairs, classifier, find_other_classes(folder, classes, classifier))
     labels = {name: classifier.labels[index] for name, index in classes.items()}
@@ -154,6 +156,7 @@ def write_evaluation(
         kind: kind of the experiment that the evaluation is a part of.
         asked: request that `toolkit verify` repeats; None if the result was not made from a capture folder.
     """
+    # maps only for changed pairs: they are what a reader asks about
     maps = draw_saliency(findings.flips, classifier, config.saliency)
     why = [f"no saliency maps: {maps.reason}"] if config.saliency and maps.reason else []
     # two results are the same if their predictions are
@@ -201,9 +204,11 @@ def view_sim_real(comparisons: Sequence[SimReal]) -> list[SimRealView]:
     """Return the report's view of each comparison; at most 40 wrong predictions, those that are furthest off."""
     views = []
     for found in comparisons:
+        # variants in the order of the report
         charts: dict[str, list[PosePoint]] = {}
         for pair in sorted(found.pairs, key=lambda pair: rank_variant(place_of(pair)[1])):
             charts.setdefault(place_of(pair)[1], []).append(_make_point(pair))
+        # the wrong predictions whose probability changed most
         furthest = {id(pair) for pair in sorted(found.wrong, key=lambda pair: -abs(pair.change))[:MAX_CARDS]}
         cards = []
         for pair in found.wrong:

@@ -103,10 +103,12 @@ def export_predictions(
     """
     if form not in FORMS:
         raise FieldError(f"expected {', '.join(FORMS)}", {"to": form})
+    # a name that says another form would mislead other programs
     said = out.suffix.lower().removeprefix(".") if out else ""
     if said != form and said in ("parquet", "csv"):
         raise FieldError(f"{form} would be written under a name of {said}: give {{to}} {said}", {"out": out})
     refused: Sequence[tuple[str, str]] = ()
+    # the runs that are named, or all that have predictions
     if names:
         runs = [open_run(workspace, name) for name in names]
     elif form == "imagefolder":
@@ -124,6 +126,7 @@ def export_predictions(
     else:
         write = {"fiftyone": write_fiftyone, "coco": write_coco_results, "imagefolder": write_imagefolder}[form]
         count, left_out = write(place, workspace, runs, captures_dir)
+    # a run's images may have been shot again since: the reader is told
     folders = [captures_dir or find_captures_dir(workspace, run) for run in runs]
     replaced = [
         line for run, folder in zip(runs, folders, strict=True)
@@ -144,6 +147,7 @@ def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], capture
         str: arrow.string(), int: arrow.int32(), float: arrow.float64(), bool: arrow.bool_(),
         tuple: arrow.list_(arrow.float64()),
     }  # fmt: skip
+    # the version of the columns stands in the file itself
     about = {VERSION_KEY: str(SCHEMA_VERSION).encode(), b"toolkit_version": __version__.encode()}
     # types are given, not guessed: an empty column keeps its type
     schema = arrow.schema([(name, kinds[kind]) for name, kind in columns.items()], metadata=about)
@@ -174,11 +178,13 @@ def _list_rows(
         known = DETECTION_COLUMNS if run.kind == "detection" else COLUMNS
         own = {name: kind for name, kind in known.items() if name != "failed_gates"}
         columns |= own
+        # the condition of each source, by the run's own rows
         conditions: dict[str, tuple[str, str | None, int | None]] = {
             row.source: (row.network, row.condition, row.severity) for row in run.rows
         }
         for prediction in read_predictions(run, captures_dir or find_captures_dir(workspace, run)):
             network, condition, severity = conditions.get(prediction.capture.source, (run.rows[0].network, None, None))
+            # corrupted images state their own condition
             if prediction.capture.corruption is not None:
                 condition, severity = prediction.capture.corruption
             row: Row = {"run": run.name, "network": network, "condition": condition, "severity": severity}
@@ -233,6 +239,7 @@ def write_fiftyone(
     fields: dict[str, dict[str, object]] = {}
     left_out = 0
     for run in runs:
+        # images that are gone, unreadable or corrupted in memory have no file to show
         placed, gone = _read_placed(workspace, run, captures_dir)
         left_out += gone
         for prediction in placed:
@@ -242,6 +249,7 @@ def write_fiftyone(
                 name: getattr(prediction.capture, name) for name in ("object", "variant", "source")
             }
             said, column = prediction.detection, f"prediction_{_as_name(run)}"
+            # a classifier's answer with its label, or a detector's box
             if said is None:
                 names = {"correct": "correct_top1", "true_prob": "true_prob", "true_rank": "true_rank"}
                 about = {name: getattr(prediction, field) for name, field in names.items()}
@@ -303,6 +311,7 @@ def write_coco_results(
     """
     total = left_out = 0
     for run in runs:
+        # only runs of detectors have boxes
         if run.kind != "detection":
             raise ToolkitError(f"{run.name} holds no boxes (kind '{run.kind}'): expected a run of a detector")
         placed, gone = _read_placed(workspace, run, captures_dir)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 def describe_both(all_of_it: Sequence[Comparison], passed: Sequence[Comparison], n_failed: dict[str, int]) -> list[str]:
     """Return a line for each pooled comparison of sources with failed photographs: with and without them."""
+    # the same comparison without photographs that failed a gate
     without = {(row.source, row.object, row.second): row for row in passed}
     lines = []
     for row in all_of_it:
@@ -79,6 +80,7 @@ def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> C
     """
     if not corruptions:
         return folder
+    # what is corrupted in its file is not corrupted again
     clean = [capture for capture in folder.captures if capture.corruption is None]
     taken = {capture.source for capture in folder.captures}
     corrupted = sorted(taken - {capture.source for capture in clean})
@@ -99,6 +101,7 @@ def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> C
     # notes on corrupted files, and on corruptions that are not published
     notes = [f"not corrupted again, as they are corrupted: {', '.join(corrupted)}"] if corrupted else []
     notes += [note] if (note := find_note(list(dict.fromkeys(name for name, _ in corruptions)))) else []
+    # among the captures, as if they lay there as files
     captures = sorted((*folder.captures, *made), key=lambda item: (item.source, item.object, item.variant, item.path))
     return replace(folder, captures=tuple(captures), notes=(*folder.notes, *notes))
 
@@ -113,6 +116,7 @@ def find_true_classes(folder: CaptureFolder, workspace: Workspace, classifier: C
     """
     specs = workspace.object_specs()
     classes = {}
+    # by the spec first
     for name in folder.objects:
         if name in specs:
             classes[name] = class_of_spec(specs[name], classifier)
@@ -128,6 +132,7 @@ def find_true_classes(folder: CaptureFolder, workspace: Workspace, classifier: C
 
 def find_other_classes(folder: CaptureFolder, classes: dict[str, int], classifier: Classifier) -> list[str]:
     """Return a line for each object whose class in the manifest differs from `classes`, of `find_true_classes`."""
+    # classes that the manifests state, with their number of images
     said: dict[tuple[str, str], int] = Counter(
         (capture.object, capture.class_name) for capture in folder.captures if capture.class_name
     )

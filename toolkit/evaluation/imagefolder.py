@@ -54,10 +54,12 @@ def write_imagefolder(
         ToolkitError: there are no images, predictions are damaged, or the folder cannot be written.
     """
     found, labels = read_captures(captures_dir or workspace.captures_dir), {}
+    # labels by the specs; what the manifest states wins below
     for name, file in workspace.object_specs().items():
         with suppress(ToolkitError):  # a broken spec names no class
             labels[name] = str(read_spec(file).class_name)
     answers = [_list_answers(workspace, run, captures_dir) for run in runs]
+    # files of an earlier export, which may be gone from the captures
     before = _list_written(folder)
     rows, left_out = list[Row](), len(found.faults)
     for capture in found.captures:
@@ -76,6 +78,7 @@ def write_imagefolder(
             "pose_id": capture.pose_id, "rendered": capture.is_rendered,
             "booster_sha256": capture.booster_sha256, "image_sha256": sha256_bytes(content),
         }  # fmt: skip
+        # the columns of each run, for the images that it judged
         for known in answers:
             row |= known.get(capture.path, {})
         rows.append(row)
@@ -97,6 +100,7 @@ def write_imagefolder(
 
 def _list_answers(workspace: Workspace, run: Run, captures_dir: Path | None) -> dict[str, Row]:
     """Return the predictions of a run by path, of images that still have their own file."""
+    # images lie where the run found them, unless another folder is named
     place = captures_dir or find_captures_dir(workspace, run)
     name = _column_of(run)
     return {
@@ -189,7 +193,9 @@ ABOUT = (
 
 def write_card(title: str, columns: dict[str, tuple[str, str]], rows: Sequence[Row]) -> str:
     """Return the `README.md` of a data set: the Hub's settings, image counts, and columns."""
+    # counts by source, object, label and variant; a bar would end a cell of the table
     counts = Counter(tuple(str(row[name]).replace("|", "/") for name in HEADS) for row in rows)
+    # the Hub's word for the size
     size = next(word for most, word in SIZES if len(rows) < most)
     lines = [
         "---", f"pretty_name: {json.dumps(title)}", "task_categories:", "- image-classification", "size_categories:",

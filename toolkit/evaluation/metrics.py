@@ -118,9 +118,11 @@ class ClusterBootstrap:
 
         Without any spread the interval is that of `estimate_share` for truth values, and None for others.
         """
+        # first the mean itself, then the means of the draws
         found = self.shares(values, among)
         if np.isnan(found[0]):
             return None, None
+        # without a spread the interval would be a point, which claims too much
         clusters = len(np.unique(self.cluster_of if among is None else self.cluster_of[among]))
         mean, interval = float(found[0]), percentile_interval(found[1:]) if clusters > 1 else None
         if interval and interval[0] == interval[1]:
@@ -351,6 +353,7 @@ def group_predictions(predictions: Sequence[Prediction]) -> list[Group]:
     """Return the accuracy of each group of `group_images`."""
     groups = []
     for key, members in group_images(predictions).items():
+        # shares are of images that were read
         read = [prediction for prediction in members if prediction.is_read]
         n_top1, n_top5 = sum(item.correct_top1 for item in read), sum(item.correct_top5 for item in read)
         mean = sum(prediction.true_prob or 0.0 for prediction in read) / len(read) if read else None
@@ -363,6 +366,7 @@ def index_poses(predictions: Iterable[Prediction]) -> Poses:
     by_pose: Poses = defaultdict(lambda: defaultdict(dict))
     for prediction in predictions:
         poses = by_pose[(prediction.capture.source, prediction.capture.object)][prediction.capture.variant]
+        # images without a pose cannot be paired
         if prediction.capture.pose_id is not None:
             first = poses.get(prediction.capture.pose_id)
             if first is None or (prediction.is_read and not first.is_read):
@@ -408,11 +412,13 @@ def compare_pairs(pairs: Iterable[Pair]) -> list[Comparison]:
 
 def explain_pooling(rows: Sequence[Comparison]) -> list[str]:
     """Return a line for each pooled row whose objects have unequal numbers of pairs."""
+    # pairs by object, pooled rows left out
     counts: dict[tuple[str, str, str], dict[str, int]] = defaultdict(dict)
     for row in rows:
         if row.object != POOLED:
             counts[row.source, row.first, row.second][row.object] = len(row.pairs)
     lines = []
+    # pooled rows count pairs, so objects with more pairs count more
     for (source, first, second), own in counts.items():
         fewest, most = min(own, key=lambda name: own[name]), max(own, key=lambda name: own[name])
         if own[fewest] < own[most]:
@@ -446,6 +452,7 @@ def explain_unpaired(predictions: Sequence[Prediction], poses: Poses, paired: Pa
     """
     known = {id(prediction) for pairs in paired.values() for pair in pairs for prediction in (pair.first, pair.second)}
     left = [prediction for prediction in predictions if prediction.is_read and id(prediction) not in known]
+    # possible partners: the other side, unmodified or modified, of the same pose
     partners: dict[tuple[tuple[str, str], bool, int], list[Prediction]] = defaultdict(list)
     for key, variants in poses.items() if left else ():
         for name, own in variants.items():
@@ -454,6 +461,7 @@ def explain_unpaired(predictions: Sequence[Prediction], poses: Poses, paired: Pa
     unpaired = []
     for prediction in left:
         capture, key = prediction.capture, (prediction.capture.source, prediction.capture.object)
+        # an object in a single variant was not meant to be paired
         if len(poses[key]) == 1:
             continue
         is_unpatched = capture.variant == UNPATCHED

@@ -105,6 +105,7 @@ class Origin:
         rows = [("images", f"{self.counted} counted{aside}{trust}")]
         rows += [("pairs", f"{n} not formed, {reason}") for reason, n in self.no_pairs[:MOST_REASONS]]
         rows += [(source.source, source.describe()) for source in self.sources]
+        # each booster once, however many objects have it
         worn = dict.fromkeys((name, sha) for source in self.sources for _, name, sha in source.boosters)
         named = [f"{name} {sha}".strip() for name, sha in worn]
         rows += [("boosters", list_some(named, MOST_BOOSTERS))] if named else []
@@ -133,10 +134,12 @@ def hash_captures(captures: Iterable[Capture]) -> str:
 
 def explain_replaced(run: Run, predictions: Sequence[Prediction], captures_dir: Path) -> list[str]:
     """Return a sentence if images of a run were replaced since; none if images are gone or the run is too old."""
+    # older runs do not state their images
     before = (load_json(run.folder / SUMMARY).get("rests_on") or {}).get("images_sha256")
     if before is None:
         return []
     hashed = list(zip(predictions, hash_images(predictions), strict=True))
+    # images that are gone cannot be compared
     if any(sha256 is None and prediction.is_read for prediction, sha256 in hashed):
         return []
     if hash_captures(replace(prediction.capture, image_sha256=sha256) for prediction, sha256 in hashed) == before:
@@ -153,6 +156,7 @@ def _describe_source(source: str, folder: CaptureFolder) -> SourceOrigin:
         (capture.variant, str(capture.settings.get("booster") or ""), capture.booster_sha256[:SHORT])
         for capture in own if capture.booster_sha256
     }  # fmt: skip
+    # poses by their cameras: two sources of the same plan share the hash
     posed = [capture for capture in own if capture.T_world_camera is not None]
     poses = {(item.object, item.pose_id, item.T_world_camera, item.focal_length) for item in posed}
     meshes = {(capture.object, capture.settings.get("mesh_sha256")) for capture in own}

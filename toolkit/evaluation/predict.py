@@ -50,6 +50,7 @@ def predict_captures(
                 look(capture, pixels)
             yield k, pixels
 
+    # closed whatever happens, as threads read ahead
     with progress("classifying", len(captures)) as ticker, closing(pictures):
         for k, logits in predict_stream(show(), classifier, batch_size, lambda k: captures[k].path):
             answer = read_answer(logits, trues[k])
@@ -90,12 +91,14 @@ def predict_once(
     """
     keys = [_key(capture, true_classes[capture.object], classifier) for capture in captures]
     # the same image may come several times: only the first is classified
+    # reversed, so that the first of equal keys stays
     first = {key: at for at, key in reversed(list(enumerate(keys)))}
     unread: dict[str, Prediction] = {}
     with hold_folder(cache_file.parent):
         cache = WorkLog(cache_file, CachedPrediction, lambda row: [(row.key, row)], first)
         todo = sorted(cache.find_missing(first).values())
         with progress("classifying", len(captures), done=len(captures) - len(todo)) as bar, quietly():
+            # written after every chunk: an interrupted run loses little
             for chunk in (todo[start : start + CHUNK] for start in range(0, len(todo), CHUNK)):
                 predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier)
                 new = [(keys[at], prediction) for at, prediction in zip(chunk, predictions, strict=True)]

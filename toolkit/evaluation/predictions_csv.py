@@ -118,6 +118,7 @@ def _parse(cell: str, kind: type) -> Any:
         return cell == "1"
     if kind is str:
         return cell
+    # a box is four numbers, any other cell a single number
     numbers = tuple(map(float, cell.split()))
     if len(numbers) != (4 if kind is tuple else 1) or not all(map(math.isfinite, numbers)):
         raise ValueError(f"'{shorten(cell, MOST_SHOWN)}' is no {'box' if kind is tuple else 'number'}")
@@ -181,6 +182,7 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
         with open_plain(file) as stream:
             text = io.StringIO(stream.read().decode("utf-8"), newline="")
         lines = csv.reader(text, strict=True)
+        # older files may lack columns that are not needed
         names = next(lines, [])
         needed = DETECTION_COLUMNS if run.kind == "detection" else NEEDED
         missing = [name for name in needed if name not in names]
@@ -211,6 +213,7 @@ def _within(root: Path) -> Find:
                 there, kind = look(head)
                 folders[head] = there, _list_kinds(there) if kind == FOLDER else {}
             folder, kinds = folders[head]
+            # a link, or a path that is not plain, goes through the full check
             if kinds.get(name) != LINK:
                 return folder / name, kinds.get(name, "")
         place = inside(root, path)
@@ -253,6 +256,7 @@ def _read_line(line: dict[str, str], find: Find, sources: Mapping[str, str]) -> 
     )
     if "found" in line:
         return make_detected(capture, line["true_label"], read_detection(line), line["status"])
+    # -1 where the truth is not known
     true_index = _read_number(line["true_index"], -1)
     if line["status"] != OK:
         return Prediction(capture, true_index, line["true_label"], status=line["status"])
@@ -315,6 +319,7 @@ def predictions_table(run: Written | Path | str) -> "pandas.DataFrame":
     missing = [name for name in NEEDED if name not in table.columns]
     if missing:
         raise ToolkitError(f"{file}: no column '{missing[0]}': run 'toolkit eval' again")
+    # cells as they were before they were quoted for spreadsheets
     for name in table.columns:
         table[name] = table[name].map(decode_cell, na_action="ignore").astype("string")
     if "failed_gates" in table.columns:

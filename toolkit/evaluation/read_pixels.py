@@ -27,6 +27,7 @@ def read_pixels(capture: Capture, how: Preprocessing | None) -> np.ndarray | str
         capture: the image.
         how: preprocessing of a classifier's crop; None for the whole image, as a detector sees it.
     """
+    # the reason why a file was refused when it was listed
     if capture.refused is not None:
         return capture.refused
     try:
@@ -39,6 +40,7 @@ def read_pixels(capture: Capture, how: Preprocessing | None) -> np.ndarray | str
     from toolkit.corruptions.batch import corrupt
     from toolkit.corruptions.digital import from_bytes, to_bytes
 
+    # the seed is the path below the source: the same everywhere
     seeds = [image_seed(SEED, capture.path_in_source)]
     return to_bytes(corrupt(from_bytes(np.stack([pixels])), *capture.pending_corruption, seeds))[0]
 

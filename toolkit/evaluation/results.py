@@ -74,6 +74,7 @@ def find_training(
         weights_sha256: hash of the evaluated network's file.
         tensors_sha256: hash of its weights, see `toolkit.models.identity`; None if it is not known.
     """
+    # each booster once, whatever the number of its images
     worn = dict.fromkeys(
         (capture.source, capture.object, capture.variant, capture.booster_sha256)
         for capture in captures
@@ -101,6 +102,7 @@ def describe_other_classes(training: Sequence[Training], true_labels: Mapping[st
     lines = []
     for booster in training:
         label = true_labels.get(booster.object, "")
+        # a control with the patch of another class is meant to be wrong
         are_known = label and booster.class_name and booster.variant != WRONG
         if are_known and plain_name(label) != plain_name(booster.class_name):
             lines.append(
@@ -128,6 +130,7 @@ def describe_unseen(network: str, training: Sequence[Training]) -> list[str]:
         names = dict.fromkeys(booster.object for booster in some)
         archs = dict.fromkeys(trained.arch for booster in some for trained in booster.networks)
         whose = ", ".join(names) if len(names) <= MOST_NAMED else f"{len(names)} objects"
+        # networks of the same name with other weights are told apart
         on = join_words(archs) or "no network"
         if network in archs:
             on += " with other weights"
@@ -187,6 +190,7 @@ def compare_predictions(
     poses = index_poses(predictions)
     groups, paired = group_predictions(predictions), pair_with_unpatched(poses)
     pairs, comparisons = compare_unpatched(paired), compare_controls(poses)
+    # rendered sources and photographs of the same poses, if there are both
     sim_real = compare_sim_real(predictions)
     renderers = compare_renderers(predictions)
     headlines = write_headlines(network, groups, [*pairs, *comparisons]) + write_sim_real(network, sim_real)
@@ -219,6 +223,7 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
       renderers only).
     - `gates`: photographs that failed a gate, and groups and pairs without them.
     """
+    # without photographs that failed a gate
     passed = findings.passed
     failed_gates = [{"path": item.capture.path, "gates": list(item.capture.failed_gates)} for item in findings.gated]
     return {

@@ -174,6 +174,7 @@ def overlay_heat(pixels: np.ndarray, heat: np.ndarray, top: float) -> Image.Imag
     # nearly grey, so that colours are those of the map
     base += GREY_SHARE * (base.mean(2, keepdims=True) - base)
     colour = np.concatenate([np.interp(heat, HEAT_LEVELS, values) for values in zip(*HEAT_COLOURS, strict=True)], 2)
+    # little heat stays translucent; the power makes weak evidence visible
     alpha = MAX_ALPHA * heat**0.7
     return Image.fromarray(np.round(base + alpha * (colour - base)).astype(np.uint8))
 
@@ -185,6 +186,7 @@ def _compute_maps(images: Sequence[Prediction], classifier: Classifier) -> dict[
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     pictures = read_ahead((image.capture for image in images), classifier.preprocessing)
     with progress("saliency", len(images)) as ticker, closing(pictures):
+        # some images at a time, read ahead while the network works
         while batch := list(islice(pictures, AHEAD)):
             read = [(capture.path, pixels) for capture, pixels in batch if not isinstance(pixels, str)]
             if read:

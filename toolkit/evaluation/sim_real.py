@@ -191,6 +191,7 @@ def _match_sources(predictions: Sequence[Prediction]) -> list[SimReal]:
     # by pose, and by the photographs with the same cameras: sources without a common pose are never compared
     showing: dict[tuple[str | None, object, Key], list[str]] = defaultdict(list)
     for sim in rendered:
+        # renders that were made for photographs are compared with these alone
         shot_for = sim.removeprefix(LIKE) if sim.startswith(LIKE) else None
         for key in _index_images(by_source[sim]):
             showing[shot_for, by_source[sim][0].capture.corruption, key].append(sim)
@@ -198,6 +199,7 @@ def _match_sources(predictions: Sequence[Prediction]) -> list[SimReal]:
     for real, members in by_source.items():
         if real in rank:
             continue
+        # renders of a plan, and renders for these very photographs
         places = [(own, members[0].capture.corruption, key) for key in _index_images(members) for own in (None, real)]
         beside = {sim for place in places for sim in showing.get(place, ())}
         made += [
@@ -218,6 +220,7 @@ def pair_sources(sims: Sequence[Prediction], reals: Sequence[Prediction]) -> tup
     sim_poses, real_poses = _index_images(sims), _index_images(reals)
     pairs: list[Pair] = []
     for key in sorted(sim_poses.keys() & real_poses.keys(), key=lambda key: (key[0], rank_variant(key[1]), key[2])):
+        # images of the same pose that may be compared: same booster, same camera
         fitting = [Pair(first, other) for first in sim_poses[key] for other in real_poses[key] if _fits(first, other)]
         pairs += _pair_by_name(fitting) or fitting[:1]
     used = {id(prediction) for pair in pairs for prediction in (pair.first, pair.second)}
@@ -289,6 +292,7 @@ def write_sim_real(network: str, comparisons: Sequence[SimReal]) -> list[Verdict
 
 def _judge_rig(network: str, matched: SimReal) -> Verdict:
     rows = {row.second: row for row in matched.rows if row.object == POOLED}
+    # the booster's row decides, if it was shot; else the unmodified object's
     row = rows[next((name for name in rows if name != UNPATCHED and name not in OWNERS), next(iter(rows)))]
     found = row.outcomes
     # the interval's lower end: only a significant correlation counts

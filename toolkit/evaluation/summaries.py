@@ -286,10 +286,12 @@ def _list_rows(run: str, kind: Kind, found: _Summary) -> Iterator[ResultRow]:
     corrupted = {copy.source: (copy.corruption, copy.severity) for copy in found.corrupted}
     groups, own = (*found.groups, *found.cells), found.network
     pooled = {group.source for group in groups if group.object == POOLED}
+    # the number of unmodified images of each group, to see whether all have a partner
     unpatched = {group.key_without_variant: group.n for group in found.groups if group.variant == UNPATCHED}
     for group in groups:
         # older summaries lack some fields, or keep them elsewhere
         condition, severity = corrupted.get(group.source, (group.condition, group.severity))
+        # a row of another network than the run's own has no identity
         is_own = group.network in ("", own.name)
         row = replace(
             ResultRow(run, kind, **group.model_dump()),
@@ -304,6 +306,7 @@ def _list_rows(run: str, kind: Kind, found: _Summary) -> Iterator[ResultRow]:
             counts = {row.n, unpatched.get(group.key_without_variant, row.n)}
             row = replace(row, **numbers, is_part=change.n_pairs is not None and counts != {change.n_pairs})
         yield row
+    # a benchmark's means come as rows of their own
     for mean in found.means if kind == "benchmark" else ():
         if mean.share is not None:
             yield ResultRow(run, kind, **mean.model_dump() | {"source": found.about.data, "condition": MEAN})
@@ -347,6 +350,7 @@ def find_runs(workspace: Workspace) -> tuple[list[Run], list[tuple[str, str]]]:
 
 def open_run(workspace: Workspace, name: str | Path) -> Run:
     """Return a run by its name below `eval/`, or by its folder; a `ToolkitError` as `read_run` or if there is none."""
+    # by its name in the workspace, or by a path
     folder = workspace.eval_dir / name
     if not folder.is_dir():
         folder = Path(name)
@@ -357,6 +361,7 @@ def open_run(workspace: Workspace, name: str | Path) -> Run:
         raise one_of("run", str(name), known)
     if not (folder / SUMMARY).is_file():
         raise ToolkitError(f"{folder} is not a finished run: it has no {SUMMARY}")
+    # runs elsewhere are shown by the path that was typed
     home, place = workspace.eval_dir.resolve(), folder.resolve()
     shown = place.relative_to(home).as_posix() if place.is_relative_to(home) else str(name)
     return read_run(folder, shown)

@@ -78,6 +78,7 @@ def survey_local(folder: Path | None = None) -> list[SurveyedModel]:
 
     Installed packages count too, as some networks need them. Networks that did not load are tried again.
     """
+    # a survey is kept by the files and packages that it may depend on
     places = [place for place in (BUNDLED_DIR, folder, weights_folder(), cache_dir()) if place is not None]
     files = [*(file for place in places for file in place.glob("*")), *map(Path, filter(None, sys.path))]
 
@@ -90,6 +91,7 @@ def survey_local(folder: Path | None = None) -> list[SurveyedModel]:
     kept = keep_arrays("models", [sys.version, *places, *map(_stamp, sorted(files))], make)
     if fresh:
         return fresh
+    # networks that did not load may load now, by a package or a file
     rows = [SurveyedModel(**row) for row in json.loads(kept["rows"].tobytes())]
     broken = [row.model for row in rows if row.classes is None]
     again = {row.model: row for row in survey_models(broken, folder=folder)} if broken else {}
@@ -132,6 +134,7 @@ def survey_models(
 
 def _survey(model: str, classifier: Classifier, data: str | None, with_speed: bool) -> SurveyedModel:
     module = classifier.module
+    # parameters and buffers, as published tables count them
     numbers = sum(tensor.numel() for tensor in (*module.parameters(), *module.buffers()))
     path, n, correct, why = classifier.weights.path, None, None, classifier.untrainable
     # the licence beside the weights, else that of the kit's own networks or of torchvision
@@ -164,6 +167,7 @@ def _survey_detector(model: str, detector: Detector, with_speed: bool) -> Survey
     """Return a row with the speed from images of 640 × 480 to boxes, without accuracy."""
     images_per_s = None
     if with_speed:
+        # random pictures: the time hardly depends on what they show
         pictures = list(np.random.default_rng(0).integers(0, 256, (BATCH, 480, 640, 3), np.uint8))
         # a first pass without timing sets up caches
         detector.detect(pictures)

@@ -41,6 +41,7 @@ class TwinFinder:
         The first by name counts of copies within a variant. If copies have different objects, or are unpatched and
         boosted, an image is in the wrong folder, and neither counts.
         """
+        # copies are looked for within a source
         groups: dict[str, list[Prediction]] = {}
         for prediction in sorted(predictions, key=lambda item: item.capture.path):
             if prediction.capture.path in self._looks:
@@ -54,6 +55,7 @@ class TwinFinder:
 
     def _find_pairs(self, group: Sequence[Prediction]) -> list[tuple[Prediction, Prediction]]:
         """Return the pairs of images that are copies, by name."""
+        # small pictures of all images, and their mean brightness
         looks = np.stack([self._looks[prediction.capture.path] for prediction in group])
         means = looks.mean(1)
         order = np.argsort(means, kind="stable")
@@ -64,6 +66,7 @@ class TwinFinder:
             others = order[place + 1 : end]
             apart = np.abs(looks[others] - looks[at])
             alike = others[(apart.mean(1) <= MOST_MEAN) & (apart.max(1, initial=0) <= MOST_ANY)]
+            # flat pictures, such as a white wall, resemble each other without being copies
             if len(alike) and looks[at].std() > FLAT:
                 found += [(group[min(at, k)], group[max(at, k)]) for k in alike]
         return sorted(found, key=lambda pair: (pair[0].capture.path, pair[1].capture.path))

@@ -93,6 +93,7 @@ def ask_this(booster: str) -> str:
 
 def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant: str, question: str) -> Verdict:
     after, before = groups[variant], groups.get(UNPATCHED)
+    # without the unmodified object there is only an accuracy
     if variant == UNPATCHED or before is None:
         sentence = f"{network} is correct on {_format_group(after)} of the {variant} images."
         verdict = "Accuracy alone, nothing to compare with"
@@ -144,6 +145,7 @@ def describe_unsure(outcomes: PairedOutcomes) -> str:
 def _answer_controls(network: str, groups: Groups, rows: Comparisons) -> list[Verdict]:
     """Return the answers that the variants of a source allow."""
     answers = []
+    # each booster against its controls, if any was shot
     for booster, names in RIVALS.items():
         rivals = [rows[booster, name] for name in names if (booster, name) in rows]
         if rivals:
@@ -151,6 +153,7 @@ def _answer_controls(network: str, groups: Groups, rows: Comparisons) -> list[Ve
         alone = groups.get(ALONE)
         if booster == PATCHED and alone is not None and alone.n:
             answers.append(_object_or_sticker(network, alone, rows.get((PATCHED, ALONE))))
+    # patch and texture on the same poses
     if (either := rows.get((PATCHED, TEXTURED))) is not None:
         tone, verdict, names = "open", "No difference shown between patch and texture", ("the patch", "the texture")
         if either.outcomes.first_is_better or either.outcomes.second_is_better:
@@ -167,6 +170,7 @@ def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[
         rivals,
         key=lambda row: (row.outcomes.n_second / row.outcomes.n, row.outcomes.only_second - row.outcomes.only_first),
     )
+    # controls that the booster beats significantly
     beaten = [row for row in rivals if row.outcomes.first_is_better]
     against_none = rows.get((UNPATCHED, booster))
     # without `unpatched`, nothing shows that the booster does not help

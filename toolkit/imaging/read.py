@@ -114,6 +114,7 @@ def open_image(path: Path, content: bytes | None = None) -> Iterator[Image.Image
 
 def _note_colour_numbers(image: Image.Image, stream: BinaryIO) -> None:
     """Note the numbers of primaries and tone curve of a PNG or AVIF as those of a HEIC are: Pillow passes over them."""
+    # the stream is left where it was, as Pillow goes on reading there
     place, found = stream.tell(), None
     if image.format == "PNG":
         stream.seek(len(PNG_START))
@@ -123,6 +124,7 @@ def _note_colour_numbers(image: Image.Image, stream: BinaryIO) -> None:
             stream.seek(int.from_bytes(head[:4], "big") + 4, io.SEEK_CUR)
     elif image.format == "AVIF":
         stream.seek(0)
+        # boxes lie in boxes: that of colours is found by its name
         if box := re.search(rb"colrnclx(.{4})", stream.read(AVIF_HEAD), re.DOTALL):
             found = struct.unpack(">HH", box[1])
     stream.seek(place)
@@ -168,6 +170,7 @@ def decode_frame(content: bytes, name: Path, grey: bool = False, size_px: tuple[
         UnreadableImage: it is no PNG, damaged, far too large, or of another size.
     """
     pixels = None
+    # the head of a PNG states its size, which is checked before anything is decoded
     if content.startswith(PNG_START) and len(content) >= 24:
         width, height = struct.unpack(">II", content[16:24])
         if size_px is not None and (width, height) != size_px:
@@ -178,6 +181,7 @@ def decode_frame(content: bytes, name: Path, grey: bool = False, size_px: tuple[
             pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flag)
     if pixels is None:
         raise UnreadableImage(name, "expected a picture as PNG, found another kind or a damaged one")
+    # OpenCV has blue first
     return np.asarray(pixels) if grey else np.ascontiguousarray(pixels[..., ::-1])
 
 
@@ -189,6 +193,7 @@ def read_linear(path: Path) -> np.ndarray:
     except (OSError, ValueError) as error:
         raise UnreadableImage(path, explain_damage(error)) from None
     if head.startswith(RADIANCE_START):
+        # Radiance writes its size as text
         size = re.search(rb"\n[-+]Y (\d+) [-+]X (\d+)", head)
         if size is None:
             raise UnreadableImage(path, "not a Radiance picture, whatever its name says")
@@ -203,6 +208,7 @@ def read_linear(path: Path) -> np.ndarray:
         raise UnreadableImage(path, "this OpenCV reads no EXR, or the file is damaged: save the panorama as .hdr")
     if found is None:
         raise UnreadableImage(path, "a damaged Radiance picture")
+    # OpenCV has blue first
     return np.ascontiguousarray(found[..., ::-1], np.float32)
 
 
@@ -230,11 +236,13 @@ def decode_texture(image: Image.Image, name: str) -> np.ndarray:
     size = f"a texture of {image.width} × {image.height} pixels"
     if image.width * image.height / 1e6 > MAX_MEGAPIXELS:
         raise UnreadableImage(Path(name), f"{size}, more than {MAX_MEGAPIXELS} megapixels: scale it down")
+    # a whole factor, rounded up
     factor = -(-max(image.size) // MAX_TEXTURE_PX)
     with decoding(Path(name), f"{size}: {{}}"):
         if factor > 1:
             from toolkit.core.console import notice
 
+            # a JPEG can be decoded at a fraction of its size
             image.draft(image.mode, (image.width // factor, image.height // factor))
             full, image = image, image.reduce(-(-max(image.size) // MAX_TEXTURE_PX))
             full.close()  # frees what was decoded

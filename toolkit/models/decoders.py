@@ -22,6 +22,7 @@ def decode_yolox(outputs: torch.Tensor, size: int, strides: Sequence[int] = (8, 
         size: side of the network's images.
         strides: strides of its grids, in the outputs' order.
     """
+    # the corner of each cell of the grids, in the order of the outputs, and the cell's side in pixels
     corners, steps = [], []
     for stride in strides:
         line = torch.arange(size // stride, device=outputs.device, dtype=outputs.dtype)
@@ -43,9 +44,11 @@ def decode_fastestdet(outputs: torch.Tensor, size: int) -> Dense:
         size: side of the network's images.
     """
     _, _, height, width = outputs.shape
+    # a row for each place, as the other families give them
     flat = outputs.flatten(2).transpose(1, 2)
     y, x = torch.meshgrid(*(torch.arange(n, device=outputs.device) for n in (height, width)), indexing="ij")
     corner = torch.stack([x, y], -1).reshape(-1, 2).to(outputs.dtype)
+    # offsets within a cell, in cells, become pixels
     cells = torch.tensor([width, height], device=outputs.device, dtype=outputs.dtype)
     centre = (flat[..., 1:3].tanh() + corner) / cells * size
     half = flat[..., 3:5].sigmoid() * size / 2
@@ -84,6 +87,7 @@ def decode_end2end(outputs: torch.Tensor, size: int, classes: int) -> Dense:
             f"the detector gives class {int(index.max())}, and its labels name {classes}: write all of its 'labels', "
             "in order, into the TOML beside it"
         )
+    # boxes have a single class each: a dense row of scores with all others at 0
     scores = outputs.new_zeros(*index.shape, classes)
     return outputs[..., :4], scores.scatter(2, index[..., None], outputs[..., 4:5])
 
@@ -163,21 +167,25 @@ def count_places(size: int) -> list[int]:
 def guess_decoder(shapes: Sequence[Shape], size: int | None) -> str | None:
     """Return the family with outputs of these shapes, if there is any."""
     places = [] if size is None else count_places(size)
+    # DETR: two outputs with a row for each query, boxes of four numbers and scores
     if [len(shape) for shape in shapes] == [3, 3]:
         is_pair = shapes[0][1] == shapes[1][1] and shapes[0][1] not in places
         return "detr" if is_pair and [shape[2] for shape in shapes].count(4) == 1 else None
     if len(shapes) != 1:
         return None
     shape = shapes[0]
+    # a grid of 16 px cells, with channels first
     if len(shape) == 4:
         is_grid = size is not None and shape[2] == shape[3] == size // 16 and (shape[1] or 0) > 5
         return "fastestdet" if is_grid else None
     if len(shape) != 3:
         return None
+    # YOLOX has a row for each place, YOLOv8 a column
     if shape[1] in places[:1] and (shape[2] or 6) > 5:
         return "yolox"
     if (shape[2] in places or shape[2] is None) and (shape[1] or 0) > 4:
         return "yolov8"
+    # few rows of six numbers: selected boxes with score and class
     return "end2end" if shape[2] == 6 and (shape[1] or 1) <= MOST_SELECTED else None
 
 

@@ -36,6 +36,7 @@ def load_encoder(
         own = LabelsFile(name=model.replace(":", "-"))
         return assemble(towers.image, model, towers.file, own, towers.preprocessing, device, how)
     found = find_classifier(model, weights, folder)
+    # timm can rebuild its networks without the last layer
     if found.arch.startswith(TIMM_PREFIX):
         timm = build_timm_network(found.arch, found.weights, may_be_encoder=True)
         if timm.num_classes and not how.whole:
@@ -43,6 +44,7 @@ def load_encoder(
         own = timm.own.model_copy(update={"name": timm.own.name or found.arch.replace(":", "-")})
         module = timm.module.requires_grad_(False).eval()
         return assemble(module, found.arch, timm.file, own, timm.preprocessing, device, how)
+    # graphs, programs and hub networks end in features by themselves
     if (program := load_elsewhere(found, device, how)) is not None:
         return program
     classifier = load_classifier(model, weights, device, folder)

@@ -256,6 +256,7 @@ def read_set(name: str, folder: Path | None) -> NetworkSet | None:
     plain = name.removeprefix(SET_PREFIX)
     if not is_folder_name(plain):
         return None
+    # a network of the same name wins over a set
     file = None if folder is None else folder / f"{plain}.json"
     if file is not None and file.is_file() and plain not in list_own(folder) and plain not in list_architectures():
         return read_json(file, NetworkSet)
@@ -273,6 +274,7 @@ def expand_sets(models: Sequence[str] | None, folder: Path | None) -> list[tuple
         ToolkitError: a set's file is damaged, there is no such set, or files of its networks are missing.
     """
     found: list[tuple[str, int]] = []
+    # a set gives its networks with the number of steps that each trains in a round
     for name in models or ():
         several = read_set(name, folder)
         if several is None:
@@ -320,8 +322,10 @@ def pair_weights(
     Raises:
         ToolkitError: there are more or fewer files.
     """
+    # without names, each file's record says which network it is for
     names: list[str | None] = list(models) if models else [None] * max(1, len(weights or ()))
     given: list[Path | None] = list(weights) if weights else [None] * len(names)
+    # a file for each network, or only for those that bring none
     if len(given) == len(names):
         return list(zip(names, given, strict=True))
     bare = [name is None or not brings_weights(name, folder) for name in names]
@@ -371,6 +375,7 @@ def find_class(given: str, folder: Path | None = None) -> str:
     Raises:
         ToolkitError: no label is called so.
     """
+    # the user's own classes come before ImageNet's
     for weights in list_own(folder).values():
         if given in (read_labels_file(weights).labels or []):
             return given

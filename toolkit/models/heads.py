@@ -137,6 +137,7 @@ def join_head(encoder: Classifier, head: Head) -> bytes:
     free = None if count is not None else ({0: torch.export.Dim("batch")},)
     with foreign_code(blame_model(encoder.arch, "export it to ONNX, as torch.export cannot save it")):
         program = torch.export.export(joined, (torch.zeros(count or 2, 3, side, side),), dynamic_shapes=free)
+    # where the code lay on this machine is no part of a network: it would change the file's hash
     for node in program.graph.nodes:
         for name in SOURCE_NOTES:
             node.meta.pop(name, None)
@@ -186,6 +187,7 @@ def _list_nodes(
     from toolkit.models.onnx_graphs import FLOAT, import_extra
 
     make = import_extra("onnx").helper.make_node
+    # half-precision encoders end in half: the head computes in float
     nodes = [make("Cast", [name], ["head_float"], to=FLOAT)]
     stored = {"head_weight": head.weight.T.contiguous(), "head_bias": head.bias}
     last = "head_float"
@@ -202,6 +204,7 @@ def _list_nodes(
         add("Gather", "head_first", axis=1)
     elif axes > 2:
         if axes == 3:
+            # GlobalAveragePool wants channels first, tokens come last
             add("Transpose", perm=[0, 2, 1])
         add("GlobalAveragePool")
         add("Flatten", axis=1)

@@ -77,6 +77,7 @@ def load_hub_network(model: str, device: str, features: AsEncoder | None = None)
         if "auto_map" in load_json(folder / described):
             raise FieldError("needs its own code, which is not run: choose another network", {"model": model})
     network, missing = _load(library, folder, model, is_encoder=features is not None)
+    # a hash for all parts of the weights, in the order of their names
     hashes = [sha256_file(file) for file in files]
     sha256 = hashes[0] if len(files) == 1 else sha256_bytes(" ".join(hashes).encode())
     own = LabelsFile(name=name.partition("@")[0].rpartition("/")[2])
@@ -135,6 +136,7 @@ def _load(library: ModuleType, folder: Path, model: str, is_encoder: bool) -> tu
 
 def _read_labels(named: Mapping[Any, str], model: str) -> list[str]:
     """Return the names of the classes; ImageNet's own names if they are its 1000 in order, with synonyms."""
+    # keys are numbers as text: as text they would sort 10 before 2
     labels = [str(named[key]) for key in sorted(named, key=int)]
     if len(labels) < 2:
         raise FieldError(f"has {len(labels)} outputs: expected a classifier of at least two classes", {"model": model})
@@ -163,6 +165,7 @@ def _read_preprocessing(library: ModuleType, folder: Path, model: str) -> Prepro
         draws = np.random.default_rng(0).integers(0, 256, (6, 8, 3), np.uint8)
         picture = Image.fromarray(draws).resize((2 * how.resize_px, 3 * how.resize_px // 2), Image.Resampling.BICUBIC)
         theirs = processor(images=picture, return_tensors="pt")["pixel_values"][0].numpy()
+    # ours in the same units: normalisation is undone, then levels of 255 are compared
     mean, std = (np.reshape(values, (3, 1, 1)) for values in (how.mean, how.std))
     ours = resize_and_crop(np.asarray(picture), how).transpose(2, 0, 1) / 255
     if theirs.shape != ours.shape or np.abs(theirs * std + mean - ours).mean() * 255 > ROUNDING:

@@ -83,6 +83,7 @@ def find_file_tensors(name: str, sha256: str, folder: Path | None = None) -> str
     """Return `hash_tensors` of the weights file of that name and hash, if it is known or found."""
     if sha256 in KNOWN_TENSORS:
         return KNOWN_TENSORS[sha256]
+    # hashes of published files are known: they need not be there
     if Path(name).name != name or Path(name).suffix not in SUFFIXES:
         return None
     for place in filter(None, (folder, BUNDLED_DIR, weights_folder(), cache_dir())):
@@ -109,6 +110,7 @@ def describe_network(network: AnyNetwork) -> dict[str, Any]:
         family = getattr(network, "decoder", None)
         preprocessing = f"fitted to {side}×{side} px" if side else "of any size"
         preprocessing += "" if family is None else f", {family.describe()}"
+    # a file that was saved again has other bytes, but the same numbers
     tensors, labels = hash_network_tensors(network), hash_labels(network.labels)
     whole = json.dumps([network.arch, tensors or network.weights.sha256, labels, preprocessing])
     return {

@@ -118,6 +118,7 @@ def find_labels(content: object) -> list[str] | None:
 
 def _as_names(content: object) -> list[str] | None:
     if isinstance(content, Mapping) and content:
+        # indices with names, or names with indices
         if all(str(key).isdecimal() for key in content):
             keys = _in_order(content, {key: int(key) for key in content})
             content = None if keys is None else [content[key] for key in keys]
@@ -125,9 +126,11 @@ def _as_names(content: object) -> list[str] | None:
             content = _in_order(content, content)
     if not isinstance(content, list | tuple) or not content:
         return None
+    # COCO's list states the order by its ids
     if all(isinstance(entry, Mapping) and "name" in entry for entry in content):
         by_id = all(isinstance(entry.get("id"), int) for entry in content)
         content = [entry["name"] for entry in (sorted(content, key=lambda entry: entry["id"]) if by_id else content)]
+    # Keras's lists have an id before each name
     names = [entry[-1] if isinstance(entry, list | tuple) and entry else entry for entry in content]
     return [str(name) for name in names] if all(isinstance(name, str) for name in names) else None
 
@@ -141,6 +144,7 @@ def _in_order(content: Mapping[Any, object], index: Mapping[Any, Any]) -> list[A
 
 def _check_used(content: Mapping[Any, Any]) -> None:
     """Raise a `ValueError` for names of classes that `find_labels` cannot put into an order."""
+    # keys that are numbers were meant as indices
     numbers = [int(key) for key in content if str(key).isdecimal()]
     if numbers and len(numbers) == len(content):
         raise ValueError(
@@ -162,6 +166,7 @@ def join_labels_files(own: LabelsFile, inside: LabelsFile, weights: Path) -> Lab
     Raises:
         ToolkitError: they differ in mean or deviation: a network is fed as it was trained.
     """
+    # fields that the user left out; what both state must agree
     added = {}
     for name in ("labels", "mean", "std"):
         said, found = getattr(own, name), getattr(inside, name)
@@ -183,6 +188,7 @@ def adapt_preprocessing(published: Preprocessing, own: LabelsFile) -> Preprocess
     """
     keys = ("resize_px", "crop_px", "mean", "std", "filter_name", "channels", "squash")
     fields = {key: getattr(own, key) for key in keys}
+    # `size` alone means both: nothing is cut off
     if own.size is not None:
         published = replace(published, resize_px=own.size, crop_px=own.size)
     adapted = replace(published, **{key: value for key, value in fields.items() if value is not None})
@@ -217,6 +223,7 @@ def read_labels_file(weights: Path) -> LabelsFile:
         said = read_toml(toml, LabelsFile)
     elif file.is_file():
         said = read_json(file, LabelsFile)
+    # names in a text file join the fields of the other file, but never twice
     if text.is_file():
         if said.labels is not None:
             other = toml if toml.is_file() else file
@@ -225,6 +232,7 @@ def read_labels_file(weights: Path) -> LabelsFile:
             return LabelsFile.model_validate(said.model_dump() | {"labels": read_names(text)})
         except ValidationError as error:
             raise ToolkitError(f"{text}: {explain_validation(error)}") from None
+    # formats that are not read are refused only if nothing else names the classes
     beside = (weights.with_suffix(suffix) for suffix in UNREAD)
     unread = next((path for path in beside if path.is_file() and _holds_names(path)), None)
     if said.labels is None and unread is not None:
@@ -304,6 +312,7 @@ OTHER_NAMES = re.compile(
 def _refuse_unused(weights: Path) -> None:
     """Raise a `ToolkitError` for a file of labels in the folder of a network whose classes have no names."""
     read = {weights.with_suffix(suffix) for suffix in DESCRIPTIONS}
+    # files that may well be meant as the labels of this network
     for file in sorted(set(weights.parent.iterdir()) - read) if weights.parent.is_dir() else ():
         own = re.match(rf"{re.escape(weights.stem)}({re.escape(weights.suffix)})?[._-]?", file.name)
         rest = file.name[own.end() :] if own else file.name
@@ -382,6 +391,7 @@ def index_of_label(labels: list[str], name: str | int, remedy: str = BESIDE_FILE
     if isinstance(name, int):
         return _check_index(labels, name)
 
+    # composed accents, as file names of a Mac have them apart
     def fold(text: str) -> str:
         return unicodedata.normalize("NFC", text).lower()
 

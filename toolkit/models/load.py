@@ -81,6 +81,7 @@ def load_classifier(
     arch, entry, place = found.arch, published_weights(found.arch), choose_device(device)
     file = find_weights(arch, found.weights)
     state, own = read_network_file(file)
+    # as many outputs as the weights have, with the published labels if the numbers agree
     published = entry.meta["categories"]
     num_classes, state = _count_classes(arch, state, len(published), file)
     module = build_network(arch, num_classes)
@@ -162,6 +163,7 @@ def _count_classes(
 
 def _fill(module: "torch.nn.Module", state: "OrderedDict[str, torch.Tensor]", arch: str, file: WeightsFile) -> None:
     expected = module.state_dict()
+    # each kind of misfit has its own message, with the first tensor as an example
     wrong = [name for name in expected if name in state and state[name].shape != expected[name].shape]
     # batch norm's step counter is absent from old files and plays no part in eval mode
     missing = [name for name in expected if name not in state and not name.endswith("num_batches_tracked")]
@@ -213,9 +215,11 @@ def load_best(device: str) -> tuple[Classifier, str]:
     Raises:
         ToolkitError: there are no weights and no bundled classifier, or a file is damaged.
     """
+    # no download if the weights are here
     if find_local(DEFAULT_ARCH) is not None:
         return load_classifier(DEFAULT_ARCH, device=device), "its weights are on this machine"
     if bundled_file() is not None:
+        # a short wait: without a connection the demonstration must not hang
         try:
             download(DEFAULT_ARCH, str(published_weights(DEFAULT_ARCH).url), PATIENCE_S)
         except ToolkitError:
@@ -244,6 +248,7 @@ def _fetch_from_hub(name: str, repo: str, filename: str) -> Path:
     from huggingface_hub.utils import disable_progress_bars
 
     repo, _, revision = repo.partition("@")
+    # what the cache has needs no connection
     if isinstance(cached := try_to_load_from_cache(repo, filename, revision=revision or None), str):
         return Path(cached)
     if is_quiet():
@@ -322,6 +327,7 @@ def read_timm_preprocessing(name: str, config: dict[str, Any]) -> Preprocessing:
     """
     from timm.data import resolve_data_config
 
+    # timm's own rules fill in what the weights' record leaves out
     wanted = resolve_data_config(pretrained_cfg=config)
     channels, *sides = wanted["input_size"]
     # timm truncates here as well

@@ -120,11 +120,13 @@ class DenseDetector:
         best, classes = scores.max(1)
         kept = best > LEAST_SCORE
         boxes, best, classes = boxes[kept], best[kept], classes[kept]
+        # boxes that a graph selected already need no suppression
         if self.decoder.nms_iou is None:
             order = best.argsort(descending=True, stable=True)[:MOST_BOXES]
         else:
             # boxes suppress those of the same class only
             order = torchvision.ops.batched_nms(boxes, best, classes, self.decoder.nms_iou)[:MOST_BOXES]
+        # from the square that the network saw back to the image: margin off, then scaled
         x_scale, y_scale, left, top = place
         found = boxes[order].cpu().numpy() - np.array([left, top, left, top], np.float32)
         found = found / np.array([x_scale, y_scale, x_scale, y_scale], np.float32)
@@ -191,6 +193,7 @@ class TorchvisionDetector:
             if isinstance(layer, nn.BatchNorm2d | nn.Dropout):
                 layer.eval()  # the network stays as it is
         try:
+            # a training pass for each image, with the object as the only box
             for k in range(len(batch)):
                 target = {
                     "boxes": boxes[k : k + 1].to(batch),
@@ -230,11 +233,13 @@ def is_detector(model: str | None) -> bool:
         return False
     if model.removeprefix(TORCHVISION_PREFIX) in list_detectors():
         return True
+    # code is only run if the user typed it; only its preprocessing tells what it makes
     if model.startswith(PYTHON_PREFIX):
         given = call_python(model).given
         return isinstance(given, Mapping) and given.get("decoder") is not None
     path = Path(model.removeprefix(ONNX_PREFIX))
     if (model.startswith(ONNX_PREFIX) or path.suffix == ".onnx") and path.is_file():
+        # a description decides, else the shapes of the outputs
         own = read_labels_file(path)
         if own.decoder is not None:
             return True
@@ -296,6 +301,7 @@ def _assemble(
     family, shapes = _find_family(answers, own, size, arch)
     classes = count_classes(family, shapes)
     published = published_labels(classes)
+    # the number of classes by the outputs, names by the description or the published list
     labels = choose_labels(file.path, own.labels, published, classes or len(own.labels or published))
     said = {key: getattr(own, key) for key in ("mean", "std", "channels", "letterbox", "fill")}
     changes = {key: value for key, value in said.items() if value is not None}

@@ -220,6 +220,7 @@ def fold_normalisation(network: Classifier) -> Classifier:
 
     kinds = torch.nn.Conv2d | torch.nn.BatchNorm2d
     hooks = [layer.register_forward_hook(watch) for layer in names if isinstance(layer, kinds)]
+    # a first pass shows which layers follow each other, and what the network answers
     side = network.preprocessing.crop_px
     of = next((parameter.dtype for parameter in module.parameters()), torch.float32)
     image = torch.rand(1, 3, side, side, generator=torch.Generator().manual_seed(0)).to(network.device, of)
@@ -238,6 +239,7 @@ def fold_normalisation(network: Classifier) -> Classifier:
             rest = [part for part in (getattr(norm, "drop", None), getattr(norm, "act", None)) if part is not None]
             above, _, name = names[norm].rpartition(".")
             setattr(module.get_submodule(above), name, torch.nn.Sequential(*rest))
+        # the copy serves only if it answers as the network does
         module.requires_grad_(False).to(memory_format=torch.channels_last)
         is_same = bool(pairs) and (folded.logits(image) - wanted).abs().max() <= ROUNDING * wanted.abs().max()
     return folded if is_same else network
@@ -278,9 +280,11 @@ def match_classes(names: Sequence[str], classifier: Classifier, root: Path, fiel
     Raises:
         ToolkitError: a name is not a class, or two folders are of the same class.
     """
+    # several classes of ImageNet share a name
     by_name: dict[str, list[int]] = {}
     for index, label in enumerate(classifier.labels):
         by_name.setdefault(plain_name(label), []).append(index)
+    # folders of ImageNet are often named by WordNet ids
     if classifier.is_imagenet:
         by_name |= {wnid: [index] for index, wnid in enumerate(imagenet_wnids())}
     unknown = [name for name in names if plain_name(name) not in by_name]
@@ -302,6 +306,7 @@ def match_classes(names: Sequence[str], classifier: Classifier, root: Path, fiel
                 "folder by its WordNet id"
             )
         index_of[name] = indices[0]
+    # two folders of a class would be counted apart
     for name in names:
         same = [other for other in names if index_of[other] == index_of[name]]
         if len(same) > 1:

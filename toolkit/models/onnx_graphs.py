@@ -84,10 +84,12 @@ def load_model(path: Path) -> "ModelProto":
         return ToolkitError(f"cannot read {path}: not an ONNX graph, or damaged: export it again")
 
     with foreign_code(explain):
+        # weights of large graphs lie in files beside: read the graph first, and see whether they are there
         beside = _list_beside(onnx.load(str(path), load_external_data=False))
         missing = [name for name in beside if not (path.parent / name).is_file()]
         if missing:
             raise ToolkitError(f"{path}: its weights lie in '{missing[0]}', which is not beside it: copy that file too")
+        # a damaged graph may ask for far more memory than its files hold
         size = sum(file.stat().st_size for file in (path, *map(path.with_name, beside)))
         with limit_memory(LOADING_BYTES + 3 * size):
             model = onnx.load(str(path))
@@ -112,6 +114,7 @@ def read_onnx(path: Path) -> OnnxGraph:
     Raises:
         ToolkitError: the file cannot be read, or takes something other than a batch of square colour images.
     """
+    # weights are inputs as well in older files, and are left out
     onnx, model = import_extra("onnx"), load_model(path)
     graph, inputs = model.graph, list_inputs(model)
     if len(inputs) != 1:
@@ -122,6 +125,7 @@ def read_onnx(path: Path) -> OnnxGraph:
         kinds = {number: name.lower() for name, number in onnx.TensorProto.DataType.items()}
         found = kinds.get(kind.elem_type, "an unknown kind")
         raise ToolkitError(f"{path}: its input '{inputs[0].name}' is of {found}: expected float: export it so")
+    # the layout and side of the images, as far as the graph fixes them
     sides = [dim.dim_value or None for dim in kind.shape.dim]
     is_nhwc, size = _read_layout(path, inputs[0].name, sides)
     operations = {node.op_type for node in graph.node}
@@ -195,6 +199,7 @@ def start_session(model: "ModelProto", path: Path, threads: int) -> "InferenceSe
             why = "it takes too much memory"
         elif "IR version" in str(error) or "opset" in str(error):
             why = "it needs a newer ONNX: upgrade onnxruntime, or export it with an older opset"
+        # an unknown operator explains the failure best
         known = {(schema.domain, schema.name) for schema in import_extra("onnx").defs.get_all_schemas_with_history()}
         for node in model.graph.node:
             if (node.domain, node.op_type) not in known:
@@ -230,8 +235,10 @@ def free_batch(graph: OnnxGraph) -> "ModelProto":
     onnx = import_extra("onnx")
     model = onnx.ModelProto()
     model.CopyFrom(graph.model)
+    # shapes for the number that it was exported for, and for twice as many
     before = infer_shapes(model)
     set_input(model, graph.input_name, 2 * (graph.batch or 1))
+    # stated output shapes would contradict the doubled batch
     for entry in model.graph.output:
         entry.type.tensor_type.ClearField("shape")
     # each round frees the first node that does not fit; shapes behind it may then fit by themselves
@@ -244,6 +251,7 @@ def free_batch(graph: OnnxGraph) -> "ModelProto":
         model.graph.initializer.append(onnx.numpy_helper.from_array(values, name))
         node.input[place] = name
         del node.input[place + 1 :]
+    # the batch is open from here on; shapes that were inferred for a number are stale
     set_input(model, graph.input_name, "batch")
     del model.graph.value_info[:]
     return model
@@ -270,6 +278,7 @@ def _find_misfits(model: "ModelProto", before: Shapes, after: Shapes) -> "Iterat
     for node in model.graph.node:
         if node.op_type not in ("Reshape", "Resize"):
             continue
+        # the axis that grew with the batch, if no other did
         source, made = before.get(node.input[0], []), before.get(node.output[0], [])
         doubled = after.get(node.input[0], [])
         if len(doubled) != len(source):
@@ -278,6 +287,7 @@ def _find_misfits(model: "ModelProto", before: Shapes, after: Shapes) -> "Iterat
         if len(grown) != 1 or None in source or None in made:
             continue
         if node.op_type == "Reshape" and node.input[1] in constants:
+            # the axis of the target that holds the batch becomes -1, "whatever is left"
             target = constants[node.input[1]].tolist()
             # row by row: the batch stays where as many numbers come before it
             ahead = prod(side or 1 for side in source[: grown[0]])
@@ -320,6 +330,7 @@ def run_inputs(
     Raises:
         ToolkitError: as `run_session`.
     """
+    # a minimum for the first pass, and more for each image
     count = len(next(iter(given.values())))
     how, most_s = import_extra("onnxruntime").RunOptions(), START_S + IMAGE_S * count
     how.log_severity_level = 4  # what is wrong is raised as well
@@ -395,6 +406,7 @@ def try_graph(graph: OnnxGraph, size: int, threads: int) -> bool:
     answer = json.loads(told[-1])
     if "error" in answer:
         raise ToolkitError(answer["error"])
+    # the image side is fixed, the batch as open as the graph allows
     set_input(graph.model, graph.input_name, size=size)
     if answer["freed"]:
         graph.model.CopyFrom(free_batch(graph))

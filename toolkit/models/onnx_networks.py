@@ -61,6 +61,7 @@ class OnnxNetwork(nn.Module):
         super().__init__()
         self.graph = graph
         self.torch_module: nn.Module | None = None
+        # the first run is in a child process: from here on the graph is known to end
         self.is_single = not try_graph(graph, size, torch.get_num_threads())
         with limit_memory(TRYING_BYTES + 6 * graph.model.ByteSize()):
             self._session = start_session(graph.model, graph.file.path, torch.get_num_threads())
@@ -82,6 +83,7 @@ class OnnxNetwork(nn.Module):
             converter = import_extra("onnx2torch")
         except ToolkitError as error:
             return str(error)
+        # a conversion counts only if it answers as the graph does, and passes on a gradient
         try:
             with foreign_code(lambda error: ToolkitError(f"onnx2torch fails at it: {describe_failure(error, 120)}")):
                 self.torch_module = converter.convert(model).float().requires_grad_(False).eval()

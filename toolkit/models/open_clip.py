@@ -47,6 +47,7 @@ def open_towers(model: str) -> Towers:
     """
     rest = model.removeprefix(OPEN_CLIP_PREFIX)
     library = import_package("open_clip", "clip", model)
+    # a name with a schema brings its own weights, else a tag or file follows the colon
     name, _, weights = (rest, "", "") if rest.startswith(SCHEMAS) else rest.partition(":")
     if not weights and not rest.startswith(SCHEMAS):
         expected = "expected open_clip:NAME:WEIGHTS, such as open_clip:ViT-B-32:laion2b_s34b_b79k"

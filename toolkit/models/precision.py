@@ -126,11 +126,13 @@ def has_unseen_taps(arch: str, image_px: int) -> bool:
     """
     found = []
 
+    # the smallest picture whose every kernel part meets a pixel, by side
     def look(layer: torch.nn.Conv2d, inputs: tuple[torch.Tensor], _: object) -> None:
         for side, kernel, stride in zip(inputs[0].shape[-2:], layer.kernel_size, layer.stride, strict=True):
             least = max(stride, kernel // 2 + 1 if kernel > SMALL_KERNEL else 1)
             found.append(side < least)
 
+    # shapes alone: on the device "meta" nothing is computed
     with torch.device("meta"):
         module = build_network(arch, 2).train()
         for layer in module.modules():

@@ -79,6 +79,7 @@ def read_exported(path: Path, device: str = "cpu") -> tuple[nn.Module, int | Non
     if len(shape) != 4 or shape[1] != 3:
         found = "×".join(map(str, shape)) if len(shapes) == 1 else f"{len(shapes)} inputs"
         raise ToolkitError(f"{path}: takes {found}: expected a batch of colour images, b×3×h×w")
+    # symbolic sides are free, numbers are fixed
     batch, _, side, width = shape
     if isinstance(side, int) and isinstance(width, int) and side != width:
         raise ToolkitError(f"{path}: takes images of {side}×{width}: only squares are supported: export it for them")
@@ -145,6 +146,7 @@ class FixedBatch(nn.Module):
 
 def _rebuild(path: Path) -> BytesIO:
     try:
+        # what torch would read is checked first: no compression, only known files, no pickles
         with ZipFile(path) as archive:
             if is_inflated(path, archive):
                 raise ToolkitError(f"{path}: its parts are compressed, as torch saves none: {SAVE_AGAIN}")
@@ -164,6 +166,7 @@ def _rebuild(path: Path) -> BytesIO:
     # torch would unpickle the sample inputs, which nobody needs here
     if "data/sample_inputs/model.pt" in content:
         content["data/sample_inputs/model.pt"] = b""
+    # weights and constants may hide pickled objects, or files that are cut off
     for kind in ("weights", "constants"):
         config = content.get(f"data/{kind}/model_{kind}_config.json", b'{"config": {}}')
         _check_payload(path, _load(path, config), {name: len(content[name]) for name in content}, f"data/{kind}/")
@@ -175,6 +178,7 @@ def _rebuild(path: Path) -> BytesIO:
     # guards are Python source that torch would compile
     program["guards_code"] = []
     content["models/model.json"] = json.dumps(_clean(path, program)).encode()
+    # only what was checked is written into the archive that torch reads
     fresh = BytesIO()
     with ZipFile(fresh, "w") as archive:
         for name, data in content.items():
@@ -207,6 +211,7 @@ def _load(path: Path, content: bytes) -> dict[str, Any]:
 def _check_payload(path: Path, payload: dict[str, Any], sizes: dict[str, int], folder: str) -> None:
     """Refuse pickled tensors, and files that are too short, which torch would fill with zeros."""
     kinds: dict[str, int] = {}
+    # each tensor of the file: plain numbers of a known kind, that fit its bytes
     for name, entry in payload["config"].items():
         file = entry["path_name"]
         if entry.get("use_pickle") is not False or not re.fullmatch(r"(weight|tensor)_\d+", file):
@@ -301,6 +306,7 @@ def _read_description(path: Path) -> tuple[LabelsFile, tuple[str, ...]]:
     own = read_labels_file(path)
     if own.mean is not None or own.std is not None:
         return own, ()
+    # without a normalisation the answers may be wrong without any error
     note = (
         f"{path.name}: no 'mean' and 'std' in a {path.with_suffix('.toml').name} beside it: its images are "
         "normalised by ImageNet's; if it was trained with others, its answers are wrong"
@@ -351,6 +357,7 @@ def call_python(model: str) -> Called:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # any the user's code can raise, sys.exit among them
+        # the user's error in a line: no module, no function, or what it raised
         why = f"{function_name} of {module_name} ended with an error: {describe_failure(error)}"
         if isinstance(error, ModuleNotFoundError) and error.name in (module_name, module_name.partition(".")[0]):
             why = f"there is no module '{error.name}': expected {error.name}.py in this folder, or an installed package"
@@ -385,6 +392,7 @@ def load_python_classifier(model: str, device: str, features: AsEncoder | None =
     """
     network, given, file = call_python(model)
     own = LabelsFile()
+    # three ways to say how images are prepared
     if isinstance(given, Preprocessing):
         how = given
     elif isinstance(given, torchvision.transforms._presets.ImageClassification):
@@ -419,6 +427,7 @@ def wrap_module(
     fields = {"labels": list(labels), "size": size, "mean": tuple(mean), "std": tuple(std), "name": name or arch}
     own = read_mapping(arch, fields)
     network = deepcopy(module).requires_grad_(False).eval().to("cpu")
+    # weights in memory have no file: their hash stands for it
     file = WeightsFile(Path(arch), _hash_module(network, Path(arch)), f"a {arch} in memory")
     return assemble(network, arch, file, own, _plain_preprocessing(own.size or 0), device)
 
@@ -472,6 +481,7 @@ def assemble(
     if features is None and answers.min() >= 0 and torch.allclose(total, torch.ones_like(total), atol=1e-3):
         network = LogProbabilities(network)
     count = answers.shape[1]
+    # features have numbers in place of names
     labels = (
         choose_labels(file.path, own.labels, imagenet_labels(), count) if features is None else number_features(count)
     )
@@ -500,6 +510,7 @@ def _try(network: nn.Module, arch: str, how: Preprocessing, device: str, is_fore
             full = f"it takes more than {TRYING_BYTES >> 30} GB"
             why = full if is_memory_full(error) else "its operations do not fit together"
         raise FieldError(f"it fails at two images of {side} px: {why}", {"model": arch}) from None
+    # each wrong answer gets the hint that fits: a detector, an encoder, damaged weights
     wrong = f"gives {describe_answers(answers)} for 2 images: expected 2×classes"
     if not isinstance(answers, torch.Tensor):
         first = answers[0] if isinstance(answers, tuple | list) and answers else answers

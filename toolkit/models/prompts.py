@@ -64,6 +64,7 @@ def make_prompts(names: list[str], file: Path | None, dataset: str | None = None
     templates: Any = [DEFAULT_TEMPLATE]
     if file is not None:
         templates = load_json(file) if file.suffix == ".json" else read_lines(file)
+        # a mapping without the classes' names holds data sets
         if isinstance(templates, Mapping) and not set(names) <= set(templates):
             templates = _pick(file, templates, dataset)
     # prompts by class, or the same templates for all

@@ -21,6 +21,7 @@ def find_raw_head(model: "ModelProto", places: list[int]) -> "tuple[str, str] | 
     makers = {name: node for node in model.graph.node for name in node.output}
     shapes = infer_shapes(model)
     found = _first_behind(model.graph.output[0].name, makers, shapes, places)
+    # scores are what the graph selects by: they lead to a TopK
     tops = [node.input[0] for node in model.graph.node if node.op_type == "TopK"]
     scores = {name for top in tops for name in _first_behind(top, makers, shapes, places)}
     boxes = [name for name in found if name not in scores and shapes[name][2] == 4]

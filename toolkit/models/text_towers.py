@@ -67,12 +67,14 @@ def load_text_tower(model: str, tokenizer: Path | None = None) -> TextTower:
         raise FieldError("expected an ONNX graph, a .pt2 or open_clip:NAME:WEIGHTS", {"text": model})
     if not path.is_file():
         raise FieldError("no such file", {"text": model})
+    # exporters put the tokenizer beside the tower, or above a folder `onnx`
     places = [path.with_name(TOKENIZER), path.absolute().parent.parent / TOKENIZER]
     file = tokenizer or next((place for place in places if place.is_file()), None)
     if file is None:
         raise FieldError(f"no {TOKENIZER} beside it: copy it there, or name it with {{tokenizer}}", {"text": model})
     runner, weights = _open_onnx(path) if path.suffix == ".onnx" else _open_program(path)
     tokenize, length = _open_tokenizer(file, runner.tokens)
+    # the embeddings depend on tower, tokenizer and length together
     sha256 = sha256_bytes(f"{weights} {sha256_file(file)} {length}".encode())
     return TextTower(path.name, sha256, partial(_embed, runner, tokenize, path))
 
@@ -105,6 +107,7 @@ def _open_onnx(path: Path) -> tuple[_Runner, str]:
         session = start_session(model, path, torch.get_num_threads())
 
     def ask(ids: np.ndarray, mask: np.ndarray) -> list[np.ndarray]:
+        # element type 6 is int32; the mask is left out if the tower takes ids alone
         kinds = (np.int32 if entry.type.tensor_type.elem_type == 6 else np.int64 for entry in inputs)
         given = {entry.name: value.astype(kind) for entry, value, kind in zip(inputs, (ids, mask), kinds, strict=False)}
         return list(run_inputs(session, path, given, f"{len(ids)} texts of {ids.shape[1]} tokens"))
@@ -122,6 +125,7 @@ def _open_program(path: Path) -> tuple[_Runner, str]:
     def ask(ids: np.ndarray, mask: np.ndarray) -> list[np.ndarray]:
         what = f"{path}: fails at {len(ids)} texts"
         with foreign_code(lambda error: ToolkitError(f"{what}: {describe_failure(error)}")), torch.no_grad():
+            # the mask only if the program takes two inputs
             answers = module(*map(torch.from_numpy, (ids, mask)[: len(shapes)]))
         several = answers if isinstance(answers, tuple | list) else (answers,)
         return [image.float().numpy() for image in several if isinstance(image, torch.Tensor)]
@@ -142,11 +146,13 @@ def _open_tokenizer(file: Path, length: int | None) -> tuple[Callable[[list[str]
     library = import_package("tokenizers", "clip", str(file))
     with foreign_code(lambda error: ToolkitError(f"cannot read {file}: {describe_failure(error)}")):
         tokenizer = library.Tokenizer.from_file(str(file))
+    # length and padding stand in either of two files; the first sensible number counts
     beside = file.with_name("tokenizer_config.json")
     config = load_json(beside) if beside.is_file() else {}
     padding, cut = tokenizer.padding or {}, tokenizer.truncation or {}
     bounds = (length, padding.get("length"), cut.get("max_length"), config.get("model_max_length"))
     length = next((int(most) for most in bounds if isinstance(most, int | float) and 0 < most <= MOST_TOKENS), None)
+    # a token may be described by a mapping
     token = padding.get("pad_token") or config.get("pad_token") or ""
     token = token.get("content", "") if isinstance(token, dict) else str(token)
     number = padding.get("pad_id", tokenizer.token_to_id(token) or 0)

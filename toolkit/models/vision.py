@@ -15,6 +15,7 @@ def _without_compiler() -> Iterator[None]:
     if name in sys.modules or "torchvision" in sys.modules:
         yield
         return
+    # a module in its place, until something of it is used
     stand_in = ModuleType(name)
 
     def load(wanted: str) -> object:

@@ -140,6 +140,7 @@ def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor],
             "torch.save(model.state_dict(), FILE)"
         )
     size = file.path.stat().st_size
+    # a tensor may state a shape far beyond its bytes, and would fill memory
     for name, value in state.items():
         if value.nbytes > size:  # a single number that stands for many
             shape = "×".join(map(str, value.shape))
@@ -165,11 +166,13 @@ def _take_state(content: object, path: Path) -> "dict[str, torch.Tensor] | None"
     """
     if not isinstance(content, dict) or not content:
         return None
+    # the whole is a state dict, or holds one
     if all(_is_parameter(*item) for item in content.items()):
         return content
     # an optimiser numbers what it keeps of each parameter: those are no networks
     named_items = [(key, value) for key, value in content.items() if isinstance(key, str)]
     found = {key: state for key, value in named_items if (state := _take_state(value, path)) is not None}
+    # a checkpoint may hold an average beside the network: the usual name wins
     usual = [key for key in WRAPPERS if key in found]
     if not found:
         return None
@@ -261,6 +264,7 @@ def unwrap_names(
     Raises:
         ToolkitError: the file holds several such networks; the message names their prefixes.
     """
+    # the names end alike if only a prefix differs: the last name shows the possible prefixes
     wanted = [name for name in expected if not name.endswith("num_batches_tracked")]
     if not wanted:
         return state
@@ -301,11 +305,13 @@ def _load(path: Path) -> object:
             if is_inflated(path, archive):
                 why = "its parts are compressed, which torch never does"
                 raise FieldError(f"{path}: {why}: where you made it, {SAVE_STATE}", {})
+        # a damaged file may ask for more memory than its bytes need
         with limit_memory(LOADING_BYTES + 3 * path.stat().st_size):
             return torch.load(path, map_location="cpu", weights_only=True)
     except ToolkitError:
         raise
     except pickle.UnpicklingError as error:
+        # the message names what would have been run, and how to save without it
         named = re.search(r"GLOBAL ([\w.]+)", str(error))
         if named is None and "truncated" in str(error):
             raise _damaged(path, "it ends too early") from None
@@ -370,6 +376,7 @@ def check_named(path: Path) -> Path:
         raise FieldError("no such file", {"weights": path})
     if path.suffix.lower() in NAMED_SUFFIXES:
         return path
+    # the message says how to use a file that is of another kind
     kinds, program = ", ".join(SUFFIXES), find_program(path)
     if not program:
         raise FieldError(f"expected a state dict that ends in {kinds}", {"weights": path})
@@ -393,6 +400,7 @@ def download(arch: str, url: str, timeout_s: float = DOWNLOAD_TIMEOUT_S) -> Path
     from http.client import HTTPException
 
     name = url.rsplit("/", 1)[-1]
+    # published names end in the first digits of their hash
     target = cache_dir() / name
     digits = re.search(r"-([0-9a-f]{8,})\.", name)
     try:

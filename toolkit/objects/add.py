@@ -59,6 +59,7 @@ class AddedObject:
     def lines(self) -> Iterator[str]:
         """Describe the object, a sentence a line."""
         item = self.item
+        # the mesh stands upright already: length, width and height on the table
         size_mm = " × ".join(f"{side:.0f}" for side in item.mesh.size_mm)
         yield f"added {item.name}, {item.spec.class_name}: {size_mm} mm, {len(item.mesh.faces):,} triangles"
         named = ", ".join(file.name for file in self.mesh_files[1:] if file not in self.unseen)
@@ -75,10 +76,12 @@ class AddedObject:
         """Ask about the length if it is a guess, or unusual in the file; else None."""
         length_mm, raw = self.item.spec.length_mm, self.file_length
         is_gltf = self.mesh_files[0].suffix.lower() in (".glb", ".gltf")
+        # a length that the user gave, or a usual length in the file, is not doubted
         if not self.length_is_guessed:
             if not is_gltf or USUAL_MM[0] <= length_mm <= USUAL_MM[1] or abs(length_mm / MM_PER_M / raw - 1) > 1e-6:
                 return None
             return f"the glTF says {raw:.4g} m: is the real object {length_mm:.4g} mm long?"
+        # units in which the object would have a usual size
         fitting = [
             f"{raw * factor:.4g} mm, if {unit}"
             for unit, factor in (("metres", MM_PER_M), ("centimetres", 10.0), ("millimetres", 1.0))
@@ -108,11 +111,14 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     """
     mesh_file = Path(mesh_file)
     mesh_file = real_path(mesh_file.parent) / mesh_file.name
+    # a name for files: letters, digits and dashes of the mesh's own
     name = request.name or re.sub(r"[^A-Za-z0-9_-]+", "-", mesh_file.stem).strip("-_")
     _check_name(workspace, name, request.replace)
+    # named files are checked before anything is written
     named = find_named_files(mesh_file)
     mesh = read_mesh(mesh_file)
     is_gltf = mesh_file.suffix.lower() in (".glb", ".gltf")
+    # glTF is in metres; other formats state no unit, and a length is guessed
     stated_mm = float(mesh.size_mm.max()) * MM_PER_M if is_gltf else 0.0
     length_mm = request.length_mm or (stated_mm if 1 <= stated_mm < 100_000 else GUESSED_LENGTH_MM)
     usual_up, usual_front = _usual_axes(mesh_file)
@@ -121,6 +127,7 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
 
     place = Workspace(real_path(workspace.root)).objects_dir
     unseen = unseen_files(mesh_file) if is_gltf else set()
+    # pictures that no material uses are copied, and reported as not shown
     files = [mesh_file, *named]
     is_unseen = [file.relative_to(mesh_file.parent).as_posix() in unseen for file in files]
     if not mesh_file.is_relative_to(place):
@@ -155,6 +162,7 @@ def _usual_axes(mesh_file: Path) -> tuple[Axis, Axis]:
 def _write_spec(request: ObjectRequest, mesh: str, length_mm: float, axes: tuple[Axis, Axis]) -> str:
     # a patch wider than a third of a small object finds no flat place
     size_mm = request.size_mm or min(DEFAULT_PATCH_MM, length_mm / 3)
+    # a usual size stays a comment, so that the size in the patch's record counts
     size = f"size_mm = {size_mm:.3g}" if size_mm != DEFAULT_PATCH_MM else f"# size_mm = {DEFAULT_PATCH_MM:.0f}"
     fields = [
         ("class", _quote(request.class_name), "an ImageNet category, an index, or a label of your own classifier"),
@@ -170,6 +178,7 @@ def _write_spec(request: ObjectRequest, mesh: str, length_mm: float, axes: tuple
         ("offset_mm", "[0, 0]", "from the middle of that side: right and up; for the top, forward and left"),
         ("rotation_deg", "0", "turn of the patch, counter-clockwise, seen from outside"),
     ]
+    # values in a column, reasons in another
     starts = [f"{key} = {value}" if value else key for key, value, _ in fields]
     width = max(map(len, starts)) + 2
     lines = (f"{start:{width}}# {why}" if why else "" for start, (_, _, why) in zip(starts, fields, strict=True))
@@ -188,6 +197,7 @@ def find_named_files(mesh_file: Path) -> list[Path]:
     """
     if not mesh_file.is_file():
         return []  # reading reports it
+    # a mesh in a single file, such as STL, names no other
     suffix = mesh_file.suffix.lower()
     if suffix in (".glb", ".gltf"):
         return _check_files(mesh_file, named_files(mesh_file))
@@ -212,6 +222,7 @@ def _refuse_missing(mesh_file: Path, missing: list[str]) -> None:
 def _check_files(mesh_file: Path, names: Iterable[str]) -> list[Path]:
     folder = mesh_file.parent
     files: list[Path] = []
+    # names decoded as the format has them, each once
     for name in dict.fromkeys(names):
         try:
             file = inside(folder, name)

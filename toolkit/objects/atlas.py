@@ -41,6 +41,7 @@ def cover_texels(corner_uv: np.ndarray, n: int) -> np.ndarray:
     done = 0
     ends = np.cumsum(rows)
     while done < len(rows):
+        # some millions of strips at a time: memory stays small for large meshes
         upto = max(int(np.searchsorted(ends, (ends[done - 1] if done else 0) + STRIPS, "right")), done + 1)
         part = slice(done, upto)
         triangle = np.repeat(np.arange(done, upto), rows[part])
@@ -64,6 +65,7 @@ def _row_extent(x: np.ndarray, y: np.ndarray, row: np.ndarray) -> tuple[np.ndarr
     """Least and greatest x of the parts of triangles (k, 3) between y = row and y = row + 1."""
     low, high = np.full(len(row), np.inf), np.full(len(row), -np.inf)
     top, bottom = row - ROUNDING_PX, row + 1 + ROUNDING_PX
+    # each edge of a triangle within the strip of texels gives its least and greatest x
     for a in range(3):
         b = (a + 1) % 3
         rise = y[:, b] - y[:, a]
@@ -83,6 +85,7 @@ def _row_extent(x: np.ndarray, y: np.ndarray, row: np.ndarray) -> tuple[np.ndarr
 
 def _runs(row: np.ndarray, left: np.ndarray, right: np.ndarray, n: int) -> np.ndarray:
     """(n · (n + 1),) starts and ends of the runs, which wrap from the right border to the left."""
+    # rows repeat with the texture, but v = 1 belongs to the border row
     row = np.where((row == n) | (row == -1), np.clip(row, 0, n - 1), row % n)
     whole = right - left + 1 >= n
     left, right = np.where(whole, 0, left), np.where(whole, n - 1, right)
@@ -90,6 +93,7 @@ def _runs(row: np.ndarray, left: np.ndarray, right: np.ndarray, n: int) -> np.nd
     left, right = left - shift, right - shift
     start = np.bincount(row * (n + 1) + left, minlength=n * (n + 1))
     stop = np.bincount(row * (n + 1) + np.minimum(right, n - 1) + 1, minlength=n * (n + 1))
+    # what reaches over the right border goes on at the left
     over = right >= n
     again = np.bincount(row[over] * (n + 1), minlength=n * (n + 1))
     again_stop = np.bincount(row[over] * (n + 1) + right[over] - n + 1, minlength=n * (n + 1))
@@ -125,6 +129,7 @@ def choose_kept(mesh: Mesh, keep: Sequence[str] = (), keep_image: np.ndarray | N
         ToolkitError: no material of that name, an image of another shape or for a mesh without texture coordinates, or
             nothing left to train.
     """
+    # several materials may share a name: all of them are kept
     names = [material.name for material in mesh.materials]
     kept = np.zeros(len(mesh.faces), bool)
     for name in keep:
@@ -151,6 +156,7 @@ def _under_marks(mesh: Mesh, marks: np.ndarray) -> np.ndarray:
             "an image cannot say what keeps its paint: the mesh has no texture coordinates; name materials instead"
         )
     height, width = marks.shape
+    # a face is kept if more than half of its sample places lie under marks
     hits = np.zeros(len(corner_uv))
     for weights in _middles(STEPS):
         hits += marks[_texel_at(np.einsum("c,mci->mi", weights, corner_uv), height, width)]
@@ -253,6 +259,7 @@ def make_atlas(
     # faces that a camera could see, by their area
     visible = _surface(mesh, trained) > 1e-12 * float(mesh.size_mm.max()) ** 2
     covered = cover_texels(uv[visible | (_uv_area(uv) > 0)], n)
+    # grey until a texture is applied
     sheet = np.full((n, n, 3), GROUND, np.uint8)
     return Atlas(_share_sheet(mesh, trained, sheet), trained, covered, nearest_covered(covered), bool(unwrapped))
 
@@ -274,6 +281,7 @@ def apply_texture(atlas: Atlas, texture: np.ndarray) -> Mesh:
             f"found {texture.dtype} of shape {texture.shape}"
         )
     sheet = np.ascontiguousarray(dilate(texture, atlas))
+    # only materials of trained faces wear the texture
     worn = set(np.unique(atlas.mesh.face_material[atlas.trained]).tolist())
     materials = (replace(m, texture=sheet) if i in worn else m for i, m in enumerate(atlas.mesh.materials))
     return replace(atlas.mesh, materials=tuple(materials))
@@ -290,6 +298,7 @@ def lay_picture(mesh: Mesh, pixels: np.ndarray, keep: Sequence[str] = ()) -> Mes
     Raises:
         ToolkitError: its coordinates carry no single picture, or as `choose_kept`.
     """
+    # where the picture goes
     worn = ~choose_kept(mesh, keep)
     if not _own_uv_serve(mesh, worn):
         raise ToolkitError(
@@ -316,6 +325,7 @@ def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
     light, hits = np.zeros((n * n, 3)), np.zeros(n * n)
     own_uv = mesh.uv[mesh.faces].astype(np.float64)
     sheet_uv = atlas.corner_uv.astype(np.float64)
+    # the longest side of each triangle on the sheet decides how finely it is sampled
     sides = n * np.linalg.norm(sheet_uv - np.roll(sheet_uv, 1, axis=1), axis=2).max(axis=1)
     # a texel's colour is the mean of light, not of code values, weighted by the area that each triangle has in it
     area = np.maximum(_uv_area(n * sheet_uv), ROUNDING_PX)
@@ -324,6 +334,7 @@ def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
     for steps in np.unique(parts[atlas.trained]):
         weights = _middles(int(steps))
         faces = np.flatnonzero(atlas.trained & (parts == steps))
+        # some samples at a time, to bound memory
         for some in np.array_split(faces, -(-len(faces) * len(weights) // SAMPLES_AT_ONCE)):
             row, column = _texel_at(_weigh_corners(weights, sheet_uv[some]), n, n)
             texel = row * n + column
@@ -375,6 +386,7 @@ def _own_uv_serve(mesh: Mesh, trained: np.ndarray) -> bool:
     uv = mesh.uv[mesh.faces[trained]]
     if len(sheets) > 1 or not np.isfinite(uv).all() or uv.min() < -UV_ROUNDING or uv.max() > 1 + UV_ROUNDING:
         return False
+    # a little of the surface without area on the texture may stay grey
     area = _surface(mesh, trained)
     return float(area[_uv_area(uv) <= 0].sum()) <= WITHOUT_UV * float(area.sum())
 
@@ -416,6 +428,7 @@ def _surface(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
 
 def split_vertices(mesh: Mesh, corner_uv: np.ndarray) -> Mesh:
     """Return the mesh with other texture coordinates; vertices whose faces differ in them are doubled."""
+    # a vertex and its coordinates, to the bit, name a new vertex
     index = mesh.faces.reshape(-1).astype(np.int64)
     bits = np.ascontiguousarray(corner_uv, np.float32).reshape(-1, 2).view(np.int32)
     first, inverse = group_rows([index, *bits.T])
@@ -432,6 +445,7 @@ def _share_sheet(mesh: Mesh, trained: np.ndarray, sheet: np.ndarray) -> Mesh:
     face_material = np.zeros(len(mesh.faces), np.int32)
     for index, material in enumerate(mesh.materials):
         of_it = mesh.face_material == index
+        # no metal: its gloss would have the texture's colour, which no linear view can hold
         looks = (material, replace(material, texture=sheet, metallic=0.0))
         for look, part in zip(looks, (of_it & ~trained, of_it & trained), strict=True):
             if part.any():

@@ -71,17 +71,20 @@ def examine_solid(mesh: Mesh) -> Soundness:
     that overlap. Rays are cast from `SAMPLES` places spread by area.
     """
     faces = join_places(mesh)[1]
+    # edges from the lower vertex number to the higher, so that both faces' edges are equal
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
     low, high = edges.min(axis=1), edges.max(axis=1)
     first, index = group_rows([low, high])
     count = np.bincount(index, minlength=len(first))
     # two triangles that face the same way run along their edge in opposite directions: the sum is 0
     balance = np.bincount(index, np.where(edges[:, 0] == low, 1, -1), minlength=len(first))
+    # one face at an edge: open; more than two, or two in the same direction: tangled
     open_edges = int((count == 1).sum())
     tangled = int(((count > 2) | ((count == 2) & (balance != 0))).sum())
     walls = _measure_walls(mesh, np.random.default_rng(0))
     if not len(walls):
         return Soundness(open_edges, tangled, None, 0.0)
+    # the thinnest thousandth is left to rays that graze an edge
     return Soundness(open_edges, tangled, float(np.quantile(walls, 0.001)), float((walls < THIN_MM).mean()))
 
 
@@ -140,7 +143,9 @@ def to_glb(mesh: Mesh, name: str, units_per_m: float = MM_PER_M, lamps: bool = F
     def share_sheets(tree: dict[str, Any]) -> None:
         tree["samplers"] = [SAMPLER]
         for texture in tree["textures"]:
+            # as in the rig, textures repeat and are blended
             texture["sampler"] = 0
+        # materials that share a picture name the same texture
         written: dict[int, dict[str, int]] = {}
         for look in tree["materials"]:
             look["name"], sheet = looks[look["name"]]
@@ -164,6 +169,7 @@ def _make_scene(
         faces = mesh.faces[mesh.face_material == index]
         if not len(faces):
             continue
+        # each piece keeps the vertices that its faces use
         used, inverse = np.unique(faces, return_inverse=True)
         known = id(material.texture) in sheets
         unique = f"{material.name}-{index}"  # of two nodes with the same name, trimesh keeps the last
@@ -232,6 +238,7 @@ def to_3mf(mesh: Mesh, name: str) -> bytes:
         materials = [i for i, picture_id in enumerate(picture_of) if picture_id == known]
         rows = np.flatnonzero(np.isin(mesh.face_material[kept], materials))
         if not len(rows):
+            # pictures are stored apart from the mesh, as parts of the package
             continue
         picture = mesh.materials[picture_of.index(known)].texture
         part = model.AddAttachment(f"/3D/Textures/{number}.png", TEXTURE_PART)
@@ -300,5 +307,6 @@ def make_turntable(mesh: Mesh, title: str, words: str) -> str | None:
         ),
     ):
         page = page.replace(old, new, 1)
+    # the title is written into the page, whatever the viewer puts there
     start, end = page.find("<title>"), page.find("</title>")
     return f"{page[:start]}<title>{escape(title)}{page[end:]}" if 0 <= start < end else page

@@ -29,9 +29,11 @@ def find_patch(workspace: Workspace, item: TableObject) -> Patch:
 def find_patch_file(workspace: Workspace, spec: ObjectSpec) -> Path | None:
     """Find the PNG of `find_patch`; None if the object has no patch. Broken patches of other names are left out."""
     patches = workspace.patches()
+    # by the object's own name first, else by the name of its class
     for name in (spec.name, str(spec.class_name).replace(" ", "_")):
         if name in patches:
             return patches[name]
+    # else the first patch by name that was trained for the class
     for name, patch in read_usable(read_patch, patches):
         if spec.class_name in (patch.record.class_name, patch.record.class_index):
             return patches[name]
@@ -46,6 +48,7 @@ def next_patch(workspace: Workspace, own: Patch) -> Patch:
     """
     patches = workspace.patches()
     names = sorted(patches)
+    # in the order of names, from its own on round to the start
     after = [name for name in names if name > own.record.name] + [name for name in names if name < own.record.name]
     for _, other in read_usable(read_patch, {name: patches[name] for name in after}):
         if other.record.class_index != own.record.class_index:

@@ -89,6 +89,7 @@ def load_object(spec_file: Path) -> TableObject:
         raise ToolkitError(
             f"{spec_file}: '{spec.name}' has no mesh, so it cannot be rendered: add 'mesh' and 'length_mm' to the file"
         )
+    # a built-in object is made, any other is read from beside its spec
     if spec.mesh.startswith(BUILTIN_PREFIX):
         mesh = build_mesh(spec.mesh.removeprefix(BUILTIN_PREFIX))
     else:
@@ -170,6 +171,7 @@ def _read_parts(path: Path) -> list[MeshPart]:
     count = 0
     try:
         for part in READERS[path.suffix.lower()](path):
+            # counted while they are read, before the whole is in memory
             count += len(part.faces)
             check_faces(path, count)
             parts.append(part)

@@ -52,6 +52,7 @@ def group_rows(columns: Iterable[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     Returns:
         (k,) the first row of each group, the groups in rising order; and (n,) the group of each row.
     """
+    # columns are packed into few keys, so that fewer sorts are needed
     keys = _pack(columns)
     first = keys.pop(0)
     order = rising_order(first)
@@ -68,6 +69,7 @@ def group_rows(columns: Iterable[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         order[rows] = order[rows][again]
         ranked[rows] = ranked[rows][again]
         starts |= np.diff(ranked, prepend=ranked[:1]) != 0
+    # from sorted rows back to the rows as they were given
     inverse = np.empty(len(order), np.int64)
     inverse[order] = np.cumsum(starts) - 1
     return order[starts], inverse
@@ -96,6 +98,7 @@ def _pack(columns: Iterable[np.ndarray]) -> list[np.ndarray]:
         if bits > room:  # numbers far apart: their ranks sort alike
             column = np.unique(column, return_inverse=True)[1].reshape(-1)
             low, bits = 0, len(column).bit_length()
+        # the column joins the key before it if their bits fit a word together
         if keys and bits <= free:
             keys[-1] = keys[-1].astype(np.int64) << bits
             keys[-1] |= column.astype(np.int64) - low
@@ -186,6 +189,7 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = 
 def _sum_fans(weighted: np.ndarray, counts: np.ndarray, crease_deg: float) -> np.ndarray:
     """(n, 3) sum for each corner of consecutive fans of `counts` corners each."""
     unit = weighted / np.maximum(np.linalg.norm(weighted, axis=1, keepdims=True), 1e-20)
+    # corners of a fan follow each other
     starts = np.cumsum(counts) - counts
     fan = np.repeat(np.arange(len(counts)), counts)
     whole = np.add.reduceat(weighted, starts, axis=0)
@@ -196,6 +200,7 @@ def _sum_fans(weighted: np.ndarray, counts: np.ndarray, crease_deg: float) -> np
     near = np.einsum("ij,ij->i", unit, mean[fan]) > np.cos(np.radians(crease_deg / 2)) + 1e-9
     flat = ~unit.any(axis=1)
     creased = np.flatnonzero(np.bincount(fan, ~near & ~flat, len(counts)))
+    # fans with a crease are compared corner by corner; huge fans by cells of directions
     ordinary = creased[counts[creased] <= ORDINARY_FAN]
     cosine = np.cos(np.radians(crease_deg))
     if len(ordinary):
@@ -404,6 +409,7 @@ def hash_shape(mesh: Mesh, is_exact: bool = False) -> str:
         # not to the nearest: half a grain is where modelled coordinates like to lie
         return np.floor(values / np.float64(grain) + 0.382).astype(np.int64)
 
+    # the order of arrays is part of the hash
     digest = _hash_arrays(
         (round_off(mesh.vertices, GRAIN_MM), mesh.faces, round_off(mesh.uv, GRAIN_UV), mesh.face_material)
     )
@@ -417,6 +423,7 @@ GEOMETRY = ("vertices", "normals", "uv", "faces", "face_material")
 
 def pack_mesh(mesh: Mesh) -> dict[str, np.ndarray]:
     """A mesh as plain arrays, for `unpack_mesh`; materials that share a picture do so again."""
+    # by identity: a picture that is shared is stored once
     pictures = {id(image): image for m in mesh.materials for image in (m.texture, m.emission) if image is not None}
     number = {key: k for k, key in enumerate(pictures)}
     materials = [

@@ -77,10 +77,12 @@ def decode_text(content: bytes) -> str:
 def _decode(content: bytes) -> str:
     for mark, encoding in BYTE_ORDER_MARKS:
         if content.startswith(mark):
+            # a mark at the beginning states the encoding
             return content[len(mark) :].decode(encoding, "replace")
     zeros = [content[start : 1 << 12 : 2].count(0) for start in (0, 1)]
     if max(zeros) > len(content[: 1 << 12]) // 8:  # every other byte of English in UTF-16 is zero
         return content.decode("utf-16-be" if zeros[0] > zeros[1] else "utf-16-le", "replace")
+    # otherwise UTF-8, unless it is no valid text
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError:
@@ -153,11 +155,13 @@ def _read_picture(material: ObjMaterial, rest: str) -> PictureMap | None:
 def _split_options(rest: str) -> tuple[dict[str, list[str]], str]:
     """Split options with their values from the picture's name, which may hold spaces."""
     options: dict[str, list[str]] = {}
+    # the last word is the name, even if it looks like an option
     while match := re.match(r"(-[A-Za-z]+) +(?=\S)", rest):
         key = match[1].lower()
         rest = rest[match.end() :]
         values = options.setdefault(key, [])
         values.clear()
+        # an option has up to as many values as its kind allows
         while len(values) < OPTIONS.get(key, 0) and (value := re.match(r"(\S+) +(?=\S)", rest)):
             if key in VECTORS and not _numbers([value[1]]):
                 break
@@ -192,6 +196,7 @@ def find_libraries(obj: Path, text: str) -> tuple[list[Path], list[str]]:
     missing: list[str] = []
     for line in re.findall(r"^ *mtllib +(.*?) *$", text, re.MULTILINE):
         names = [line.strip('"')]
+        # a name with spaces that is a file is a single name
         with suppress(ToolkitError):
             names = names if find_named(obj.parent, names[0]) is not None else names[0].split()
         for name in names:

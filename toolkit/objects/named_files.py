@@ -25,11 +25,13 @@ def find_named(root: Path, name: str, beside: Path | None = None) -> Path | None
         ToolkitError: the path leaves `root`, and no file in `root` has its last part as its name.
     """
     slashed = name.replace("\\", "/")
+    # paths of another machine are tried from their end: fewer and fewer folders
     parts = [part for part in slashed.split("/") if part not in ("", ".", "..")]
     tails = ("/".join(parts[start:]) for start in range(max(0, len(parts) - MOST_TAILS), len(parts)))
     forms = dict.fromkeys((name, slashed, *tails))
     places = [(folder, form) for folder in dict.fromkeys((beside or root, root)) for form in forms if form]
     left: ToolkitError | None = None
+    # as it is written, in each place
     for folder, form in places:
         try:
             real = inside(root, str((folder / form).relative_to(root)) if not Path(form).is_absolute() else form)
@@ -38,6 +40,7 @@ def find_named(root: Path, name: str, beside: Path | None = None) -> Path | None
             continue
         if real.is_file():
             return real if ".." in form else folder / form  # a linked file keeps its place
+    # then regardless of case, if a single file matches
     for folder, form in places:
         found = _match_case(folder, form)
         if len(found) == 1 and inside(root, str(found[0].relative_to(root))).is_file():

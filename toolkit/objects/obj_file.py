@@ -44,6 +44,7 @@ def read_obj(path: Path) -> Iterator[MeshPart]:
     """
     from trimesh.exchange.obj import load_obj
 
+    # materials are read here, so trimesh gets their names alone
     text, materials = _read_text(path)
     names = "".join(f"newmtl {name}\n" for name in materials)
     made = load_obj(io.StringIO(f"mtllib materials\n{text}"), resolver={"materials": names})
@@ -137,6 +138,7 @@ def _plain_faces(text: str) -> str:
 
     trimesh counts backwards from the end of the file, and drops all texture coordinates of a part if any is missing.
     """
+    # the form of a corner, v, v/vt, v//vn or v/vt/vn, of the first corner of each face
     starts = re.findall(r"^f +(\S+)", text, re.MULTILINE)
     forms = {tuple(bool(part) for part in start.rstrip("/").split("/")) for start in starts}
     if len(forms) < 2 and not MIXED_FACE.search(text):
@@ -146,6 +148,7 @@ def _plain_faces(text: str) -> str:
     # the added texture coordinate stands behind all others
     dummy = sum(line.startswith("vt ") for line in lines) + 1
     has_uv = dummy > 1
+    # numbers count what stands above the face
     for number, line in enumerate(lines):
         key = line.partition(" ")[0]
         if key in counts:
@@ -205,6 +208,7 @@ class _Painter:
         uv = None if visual is None or visual.uv is None else np.asarray(visual.uv, np.float32)
         if uv is not None and (uv.shape != (len(vertices), 2) or not np.isfinite(uv).all()):
             uv = None
+        # a picture needs coordinates to lie on
         picture = self._read_picture(material) if material is not None and uv is not None else None
         if material is not None and material.picture is not None and uv is None:
             self.left_out.append(f"{material.picture.name} (a part has no texture coordinates)")
@@ -242,6 +246,7 @@ class _Painter:
             if colour is not None:
                 plain = replace(plain, texture=tint_texture(solid_texture((255, 255, 255)), _light_of(colour)))
             return uv, replace(plain, roughness=roughness, metallic=material.metallic)
+        # the library's options scale and shift the picture
         uv = (uv * np.array(material.picture.scale) + np.array(material.picture.offset)).astype(np.float32)
         if material.picture.is_clamped and (uv.min() < 0 or uv.max() > 1):
             uv, picture = _clamp_picture(uv, picture)

@@ -46,6 +46,7 @@ def read_off(path: Path) -> Iterator[MeshPart]:
     if len(points) != vertex_count or len(polygons) != face_count:
         raise ValueError("rows are missing")
     say_left_out(path, ["texture coordinates (OFF names no picture)"] if has_uv else [])
+    # positions and polygons; what follows them is read below
     vertices = np.array([row[:3] for row in points], np.float64).reshape(-1, 3)
     counts = np.array([int(row[0]) for row in polygons], np.int64)
     check_corners(path, int(counts.max(initial=0)))

@@ -104,6 +104,7 @@ def _spread_palette(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     _, first, index = np.unique(code, return_index=True, return_inverse=True)
     if len(first) > MOST_COLOURS:
         return _spread_palette(colours & 0xFE)
+    # a square of blocks, each of LIKE × LIKE texels, so that look-ups do not blend neighbours
     side = int(np.ceil(np.sqrt(len(first))))
     texture = np.zeros((side * side, 3), np.uint8)
     texture[: len(first)] = colours[first]
@@ -120,6 +121,7 @@ def _blend_corners(colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray)
     are near each other on the texture, so that it can be shrunk.
     """
     count = len(faces)
+    # a place on a square of cells for each face, so that faces that follow each other lie near each other
     level = max(int(np.ceil(np.log2(count) / 2)), 1)
     column, row = unfold(np.arange(count), level)
     place = np.empty((count, 2), np.int64)
@@ -131,6 +133,7 @@ def _blend_corners(colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray)
     a, b, c = (LINEAR_OF_CODE[corner] for corner in np.moveaxis(colours, 1, 0))
     # bilinear look-ups blend evenly where a + d = b + c
     texture[y + 1, x + 1] = np.round(linear_to_srgb(np.clip(b + c - a, 0, 1)) * 255)
+    # texel centres of the three corners
     corners = place[:, None] + np.array([[0.5, 0.5], [1.5, 0.5], [0.5, 1.5]])
     return (corners / [width, -height] + [0, 1]).astype(np.float32), texture
 
@@ -138,6 +141,7 @@ def _blend_corners(colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray)
 def _near_order(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(m,) faces along a Z-order curve in space, so that neighbours that face the same way come together."""
     corners = vertices[faces].astype(np.float64)
+    # faces that look to the same side come together
     normal = cross_products(corners)
     axis = np.abs(normal).argmax(axis=1)
     side = 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] < 0)

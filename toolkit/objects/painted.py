@@ -12,6 +12,7 @@ from toolkit.objects.records import COMMAND, Texture, TexturedObjectRecord
 def check_fit(item: TableObject, texture: Texture) -> TexturedObjectRecord:
     """Return the record of an object; a `ToolkitError` if the texture is not for it, or its mesh changed."""
     name, again = texture.record.name, f"train again with '{COMMAND} --object {item.name}'"
+    # an atlas fits only the very triangles that it was made for
     entry = texture.record.entry(item.name)
     if entry is None:
         raise ToolkitError(f"texture '{name}' was not trained on object '{item.name}': {again}")

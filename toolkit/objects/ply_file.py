@@ -56,6 +56,7 @@ def read_ply(path: Path) -> Iterator[MeshPart]:
         content = header + END + body
     made = load_ply(io.BytesIO(content), fix_texture=False, skip_materials=True)
     del content
+    # trimesh keeps all elements of the file, also those that it does not use
     raw = made["metadata"]["_ply_raw"]
     say_left_out(path, [f"element {name}" for name in raw if name not in KNOWN_ELEMENTS])
     if "data" not in raw.get("vertex", {}) or "data" not in raw.get("polygon", {}):
@@ -113,8 +114,10 @@ def _read_header(content: bytes) -> tuple[bytes, list[str]]:
     lines, names = [], []
     for line in text.splitlines():
         words = line.split()
+        # comments name the pictures; other comments are dropped
         if match := re.match(r" *comment +texturefile +(.*?) *$", line, re.IGNORECASE):
             names.append(match[1].strip('"'))
+        # other programs' names of properties become those that trimesh knows
         elif words[:1] == ["property"]:
             lines.append(" ".join([*words[:-1], ALIASES.get(words[-1], words[-1])]))
         elif words[:1] == ["element"] and len(words) == 3:
@@ -140,6 +143,7 @@ def _read_surface(path: Path, raw: dict[str, Any]) -> _Surface:
     if polygons is None:
         raise ValueError("faces without vertices")
     corner_vertex = _flatten(polygons).astype(np.int64)
+    # polygons of different sizes come as an array of arrays
     is_mixed = polygons.dtype == object
     each = len(corner_vertex) // max(count, 1)
     counts = np.array([len(polygon) for polygon in polygons]) if is_mixed else np.full(count, each)
@@ -175,10 +179,12 @@ def _read_uv(face: Any, vertex: Any, corner_vertex: np.ndarray) -> np.ndarray | 
 def _split_by_picture(path: Path, surface: _Surface, uv: np.ndarray, pictures: list[Path | None]) -> Iterator[MeshPart]:
     """Yield a part for each picture; faces with the number of no picture are plain grey."""
     numbers = np.zeros(len(surface.triangles), np.int64)
+    # without numbers, all faces have the first picture
     if surface.picture is not None and len(pictures) > 1:
         numbers = surface.picture[surface.corner_face[surface.triangles[:, 0]]]
     elif len(pictures) > 1:
         say_left_out(path, [f"{file.name} (no face has a texnumber)" for file in pictures[1:] if file])
+    # a picture that is not there leaves its faces grey
     there = [number for number, picture in enumerate(pictures) if picture is not None]
     numbers = np.where(np.isin(numbers, there), numbers, -1)
     for number in np.unique(numbers):

@@ -19,6 +19,7 @@ def triangulate(vertices: np.ndarray, corner_vertex: np.ndarray, counts: np.ndar
         return np.asarray(starts[:, None] + np.arange(3))
     pieces = [starts[counts == 3][:, None] + np.arange(3)]
     quads = starts[counts == 4][:, None] + np.arange(4)
+    # a quadrilateral that is no fan from its first corner is one from its second
     turned = ~is_fan(vertices[corner_vertex[quads]])
     quads[turned] = np.roll(quads[turned], -1, axis=1)  # the other diagonal
     pieces += [quads[:, :3], quads[:, [2, 3, 0]]]
@@ -46,11 +47,13 @@ def triangulate_polygon(places: np.ndarray) -> np.ndarray:
     count = len(places)
     if is_fan(places[None])[0]:
         return np.stack([np.zeros(count - 2, np.int64), *(np.arange(1, count - 1) + step for step in (0, 1))], axis=1)
+    # Newell's normal: the polygon may be bent and not convex
     edges = places[1:] - places[0]
     normal = np.cross(edges[:-1], edges[1:]).sum(axis=0)
     axis = int(np.abs(normal).argmax())
     # seen along the axis that it faces most, counter-clockwise
     flat = places[:, [(axis + 1) % 3, (axis + 2) % 3]] * [1, 1 if normal[axis] > 0 else -1]
+    # an ear is cut off until a triangle is left
     left = np.arange(count)
     triangles = []
     while len(left) > 3:

@@ -311,6 +311,7 @@ def write_texture(
     corner_uv, keep_images, glbs = corner_uv or {}, keep_images or {}, glbs or {}
     uv = {name: np.asarray(array, np.float32) for name, array in corner_uv.items()}
     masks = {name: np.asarray(array, bool) for name, array in keep_images.items()}
+    # everything is encoded first, since the record holds the hashes
     coordinates = {name: pack_arrays({UV_MEMBER: array}) for name, array in uv.items()}
     kept = {name: encode_png(np.where(mask, np.uint8(255), np.uint8(0))) for name, mask in masks.items()}
     png = encode_png(pixels)
@@ -381,6 +382,7 @@ def unpack_arrays(content: bytes, file: Path, names: Sequence[str], what: str) -
     """
     try:
         with ZipFile(BytesIO(content)) as archive:
+            # sizes are checked before anything is unpacked
             members = [archive.getinfo(f"{name}.npy") for name in names]
             for member in members:
                 if member.file_size > MAX_ARRAY_BYTES or member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):

@@ -211,6 +211,7 @@ def names_with_mesh(workspace: Workspace) -> list[str]:
     meshes = {name: read_spec(file).mesh for name, file in sorted(workspace.object_specs().items())}
     from toolkit.core.console import notice  # brings rich, which help does without
 
+    # objects of photographs have no mesh; a room that is not installed takes its objects with it
     if bare := [name for name, mesh in meshes.items() if not mesh]:
         notice(f"note: left out, known from photographs alone: {', '.join(bare)} (no mesh in the spec)")
     if lost := [name for name, mesh in meshes.items() if is_lost(mesh)]:
@@ -233,6 +234,7 @@ def write_mounts(spec_file: Path, written: Path, mounts: Sequence[PatchMount]) -
         ToolkitError: the spec is broken, or the disk is full or read-only.
     """
     read_spec(spec_file)
+    # tables of patches are left out, and written anew at the end
     lines, is_patch = [], False
     for line in read_bytes(spec_file, MOST_SPEC_BYTES).decode().splitlines():
         if line.strip().startswith("["):

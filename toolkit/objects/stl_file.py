@@ -43,6 +43,7 @@ def read_stl(path: Path) -> Iterator[MeshPart]:
     facets = np.frombuffer(content, FACET, count, HEADER_BYTES + 4)
     if not count:
         return
+    # an STL has no shared vertices: three for each triangle
     vertices = facets["corners"].reshape(-1, 3).astype(np.float64)
     colours = _read_colours(content[:HEADER_BYTES], facets["attribute"])
     paint = plain_paint(None, len(vertices)) if colours is None else colours[:, None]

@@ -39,6 +39,7 @@ def find_winding(flat: np.ndarray, height: np.ndarray, area: np.ndarray, piece: 
     cell = np.sqrt(np.maximum(size, 1e-300)) / FINE
     samples = np.clip(np.ceil(2 * area / cell[piece] ** 2), 1, 4096).astype(np.int64)
     samples[size[piece] < WORTH_A_LOOK * size.sum()] = 0
+    # samples spread evenly over each face
     face = np.repeat(np.arange(len(piece)), samples)
     if not len(face):
         return np.zeros(count, bool)
@@ -60,6 +61,7 @@ def find_winding(flat: np.ndarray, height: np.ndarray, area: np.ndarray, piece: 
     cell_index = np.cumsum(starts) - 1
     double = np.zeros(int(cell_index[-1]) + 1, bool)
     double[cell_index[1:][gap]] = True
+    # a piece covers itself if more than a few of its cells hold two surfaces
     cells = np.bincount(of[starts], minlength=count)
     return np.bincount(of[starts], double, count) > TOLERATED * cells
 
@@ -102,6 +104,7 @@ def cut_charts(vertices: np.ndarray, faces: np.ndarray, least_area: float) -> tu
     area = np.linalg.norm(weighted, axis=1) / 2
     unit = weighted / np.maximum(2 * area, 1e-300)[:, None]
     unit[area == 0] = 0
+    # faces with a common edge, and its length
     pairs, length = _neighbours(vertices, faces)
     facing = _choose_directions(unit, pairs, length)
     piece, facing = _join_small(facing, unit, area, pairs, length=length, least_area=least_area)
@@ -123,12 +126,14 @@ def _neighbours(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np
 def _choose_directions(unit: np.ndarray, pairs: np.ndarray, length: np.ndarray) -> np.ndarray:
     """(m,) index of each face's direction: as it faces, unless its neighbours outvote it."""
     m, count = len(unit), len(DIRECTIONS)
+    # a face may turn away from its best direction only as far as FACING allows
     cosine = unit @ DIRECTIONS.T
     facing = cosine.argmax(axis=1)
     allowed = (cosine >= FACING) | (unit == 0).all(axis=1, keepdims=True)
     allowed[np.arange(m), facing] = True
     both, other = np.concatenate([pairs, pairs[:, ::-1]]).T
     weight = np.concatenate([length, length])
+    # neighbours vote by the length of their common edge
     around = np.maximum(np.bincount(both, weight, m), 1e-300)[:, None]
     for step in range(8):  # every second face at a time: two that swap with each other would never settle
         votes = np.bincount(both * count + facing[other], weight, m * count).reshape(m, count)
@@ -152,15 +157,18 @@ def _join_small(
     for _ in range(6):
         count = int(piece.max()) + 1
         size = np.bincount(piece, area, count)
+        # how far every face of a piece leans towards each direction, at worst
         lean = np.ones((count, len(DIRECTIONS)))
         np.minimum.at(lean, piece[area > 0], unit[area > 0] @ DIRECTIONS.T)
         way = np.zeros(count, np.int64)
         # all faces of a piece have the same direction
         way[piece] = facing
+        # the common border of each pair of pieces
         a, b = piece[np.concatenate([pairs, pairs[:, ::-1]])].T
         key, inverse = np.unique(a * count + b, return_inverse=True)
         border = np.bincount(inverse, np.concatenate([length, length]))
         a, b = np.divmod(key, count)
+        # joins only where the smaller piece leans enough in the larger piece's direction
         fit = (a != b) & (size[a] < least_area) & (size[a] <= size[b]) & (lean[a, way[b]] >= LEANING)
         a, b, border = a[fit], b[fit], border[fit]
         goes, receives = np.arange(count), np.zeros(count, bool)
@@ -180,6 +188,7 @@ def _cut_winding(
     piece: np.ndarray, facing: np.ndarray, corners: np.ndarray, area: np.ndarray, pairs: np.ndarray
 ) -> np.ndarray:
     """Halve pieces that lie over themselves at the middle of their height, as often as it takes."""
+    # the two axes across each direction
     across = np.array([[1, 2], [1, 2], [0, 2], [0, 2], [0, 1], [0, 1]])[facing]
     flat = np.take_along_axis(corners, np.repeat(across[:, None], 3, axis=1), axis=2)
     height = np.einsum("mci,mi->mc", corners, DIRECTIONS[facing])
@@ -203,10 +212,12 @@ def _flatten(
 ) -> np.ndarray:
     """(m, 3, 2) corners on their piece, along its mean normal or its direction, whichever suits its worst face."""
     count = int(piece.max()) + 1
+    # the mean normal by area; the direction that the piece was made for
     mean = np.stack([np.bincount(piece, weighted[:, axis], count) for axis in range(3)], axis=1)
     mean = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
     straight = np.zeros((count, 3))
     straight[piece] = DIRECTIONS[facing]
+    # a face without area has no normal
     real = (unit != 0).any(axis=1)
     worst_mean, worst_straight = np.ones(count), np.ones(count)
     np.minimum.at(worst_mean, piece[real], np.einsum("ij,ij->i", unit[real], mean[piece[real]]))
@@ -241,6 +252,7 @@ def unwrap(vertices: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
     Raises:
         ToolkitError: xatlas is not installed, or cannot pack them.
     """
+    # vertices at the same place count once
     first, place = group_places(vertices)
     places, welded = vertices[first].astype(np.float64), place[faces]
     corners = places[welded]
@@ -286,6 +298,7 @@ def pack_pieces(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n:
             "this mesh needs new texture coordinates, which need xatlas: install it with 'pip install xatlas' "
             "(on Python 3.14 this needs a C++ compiler)"
         )
+    # a child process: xatlas may hang when it frees its memory
     given = io.BytesIO()
     np.savez(given, points=points, triangles=triangles, chart=chart, n=n)
     done = run_python("from toolkit.objects.unwrap import _serve; _serve()", given.getvalue())
@@ -326,12 +339,14 @@ def _try_pack(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, padd
     import xatlas
 
     atlas = xatlas.Atlas()
+    # kept alive until the process ends: freeing it may never return
     _KEPT.append(atlas)
     uv, index = np.ascontiguousarray(points, np.float32), np.ascontiguousarray(triangles, np.uint32)
     atlas.add_uv_mesh(uv, index, np.ascontiguousarray(chart[:, None], np.uint32))
     options = xatlas.PackOptions()
     options.texels_per_unit, options.padding, options.bilinear = 1.0, padding, True
     atlas.generate(pack_options=options)
+    # xatlas may split vertices: back to the points as they were given
     origin, _, placed = atlas.get_mesh(0)
     result = np.zeros(points.shape)
     result[np.asarray(origin)] = np.asarray(placed, np.float64) * [atlas.width, atlas.height]

@@ -32,6 +32,7 @@ def to_usdz(mesh: Mesh, name: str) -> bytes:
     with TemporaryDirectory() as folder:
         layer = Path(folder) / "object.usdc"
         stage = usd.Usd.Stage.CreateNew(str(layer))
+        # phones and glTF have y up; USD states its axis and unit
         usd.UsdGeom.SetStageUpAxis(stage, usd.UsdGeom.Tokens.y)
         usd.UsdGeom.SetStageMetersPerUnit(stage, 1.0)
         root = usd.UsdGeom.Xform.Define(stage, f"/{usd.Tf.MakeValidIdentifier(name)}")
@@ -43,6 +44,7 @@ def to_usdz(mesh: Mesh, name: str) -> bytes:
             rows = np.flatnonzero(mesh.face_material == index)
             if not len(rows):
                 continue
+            # materials that share a picture share its file
             picture = pictures.setdefault(id(material.texture), f"picture{len(pictures) + 1}.png")
             if not (Path(folder) / picture).exists():
                 write_bytes(Path(folder) / picture, encode_png(material.texture))
@@ -53,6 +55,7 @@ def to_usdz(mesh: Mesh, name: str) -> bytes:
         stage.GetRootLayer().Save()
         package = Path(folder) / "object.usdz"
         writer = usd.Sdf.ZipFileWriter.CreateNew(str(package))
+        # a fixed time, so that the same mesh gives the same bytes
         for file in (layer.name, *dict.fromkeys(pictures.values())):
             os.utime(Path(folder) / file, (MADE_S, MADE_S))
             writer.AddFile(str(Path(folder) / file), file)
@@ -69,6 +72,7 @@ def _import_usd() -> ModuleType:
 
 def _add_piece(usd: Any, stage: Any, place: Any, mesh: Mesh, rows: np.ndarray) -> Any:
     """Add the faces of a material."""
+    # only the vertices that these faces use
     used, corners = np.unique(mesh.faces[rows], return_inverse=True)
     points = (mesh.vertices[used] @ T_GLTF_WORLD.T / MM_PER_M).astype(np.float32)
     piece = usd.UsdGeom.Mesh.Define(stage, place)
@@ -77,6 +81,7 @@ def _add_piece(usd: Any, stage: Any, place: Any, mesh: Mesh, rows: np.ndarray) -
     piece.CreateFaceVertexIndicesAttr(usd.Vt.IntArray.FromNumpy(corners.reshape(-1).astype(np.int32)))
     piece.CreateSubdivisionSchemeAttr(usd.UsdGeom.Tokens.none)
     piece.CreateDoubleSidedAttr(True)
+    # viewers place the camera by the stated extent
     extent = np.stack([points.min(axis=0), points.max(axis=0)])
     piece.CreateExtentAttr(usd.Vt.Vec3fArray.FromNumpy(extent))
     normals = (unit_normals(mesh.normals[used]) @ T_GLTF_WORLD.T).astype(np.float32)

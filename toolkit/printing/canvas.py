@@ -118,9 +118,11 @@ class Pdf(ReportLabCanvas):
         # Print dialogs that honour these start at 100 %, one-sided, on the paper of this size.
         self.setViewerPreference("PrintScaling", "None")
         self.setViewerPreference("Duplex", "Simplex")
+        # ReportLab has no call for this entry, so it goes into its dictionary
         preferences = self._doc.Catalog.ViewerPreferences
         preferences.dict["PickTrayByPDFSize"] = "true"  # PDF 1.7; ReportLab's own list ends at 1.6
         self.setViewerPreference("DisplayDocTitle", "true")
+        # no time in the file: the same patch gives the same bytes
         info = self._doc.info = _UndatedInfo()
         info.title, info.subject, info.producer = title, subject, "ReportLab"
         info.author = info.creator = f"toolkit {__version__}"
@@ -152,6 +154,7 @@ class Pdf(ReportLabCanvas):
             catalog = self._doc.Catalog
             catalog.OCProperties = PDFDictionary({"OCGs": PDFArray(layers), "D": shown})
             catalog.__NoDefault__ = [*type(catalog).__NoDefault__, "OCProperties"]
+        # what is drawn from here to the end mark belongs to the layer
         self._code.append(f"/OC /{name} BDC")
         yield
         self._code.append("EMC")
@@ -355,6 +358,7 @@ class Pdf(ReportLabCanvas):
     def raster(self, name: str, pixels: np.ndarray, area: Rect) -> None:
         """(h, w, 3) uint8 sRGB pixels as squares over an area, losslessly; stored once under their name."""
         key = self._doc.getXObjectName(name)
+        # the profile and the pixels are objects of the file, written once however often they are drawn
         if key not in self._doc.idToObject:
             if SRGB_IMAGES not in self._doc.idToObject:
                 self._doc.Reference(self.srgb(), SRGB_IMAGES)

@@ -81,6 +81,7 @@ def measure_side_mm(n_px: int, settings: PrintSettings) -> float:
     Raises:
         ToolkitError: the side is under 1 mm or over 5 m.
     """
+    # a stated size wins over resolution and scale
     scale = SCALE if settings.scale_percent is None else settings.scale_percent / 100
     side_mm = settings.size_mm or printed_size_mm(n_px, settings.dpi or BASE_DPI, scale)
     if not SMALLEST_SIDE_MM <= side_mm <= LARGEST_SIDE_MM:
@@ -123,6 +124,7 @@ def plan_pages(side_mm: float, settings: PrintSettings, margin: Margin = "white"
         ToolkitError: it would take more than 3000 pages.
     """
     cut_mm = side_mm + 2 * settings.margin_mm
+    # a sheet is square, its white margin or bleed counted on every side
     plan = plan_sheet(settings.paper, settings.orientation, cut_mm, cut_mm, settings.copies)
     pages = plan.pages
     # the strip may not cost a page: it is tried in each place, and left out otherwise
@@ -157,6 +159,7 @@ UNDERLAP_PX = 0.5
 
 def pixel_operators(pixels: np.ndarray) -> list[str]:
     """Return operators that paint (n, n, 3) uint8 pixels over the square from (0, 0) to (n, n), first row on top."""
+    # in the patch's own pixels; the page's scale makes millimetres of them
     side = len(pixels)
     operators = []
     # each pixel reaches half a pixel under its right and lower neighbour: viewers smooth edges, and paper would show
@@ -165,6 +168,7 @@ def pixel_operators(pixels: np.ndarray) -> list[str]:
         bottom = top - 1 - (UNDERLAP_PX if index < side - 1 else 0)
         edges = np.flatnonzero(np.any(row[1:] != row[:-1], axis=1)) + 1
         for first, end in pairwise([0, *edges.tolist(), side]):  # runs of one colour
+            # PDF counts upwards, rows count downwards
             red, green, blue = (f"{value / 255:.5g}" for value in row[first].tolist())
             right = end + (UNDERLAP_PX if end < side else 0)
             operators.append(f"{red} {green} {blue} rg {first} {bottom:g} {right - first:g} {top - bottom:g} re f")
@@ -255,6 +259,7 @@ def _describe_sheet(
     def draw(x: float, y: float) -> None:
         cut, shown_mm = Rect(x, y, plan.cut_mm, plan.cut_mm), plan.side_mm * shown_px / n_px
         if plan.margin == "bleed":
+            # mirrored texels reach past the cut line, so that a cut that is slightly off shows no white
             with pdf.clipped([[(x, y), (cut.right, y), (cut.right, cut.top), (x, cut.top)]]):
                 around = cut.centre(shown_mm, shown_mm)
                 place_patch(pdf, around.x, around.y, shown_mm, shown_px)

@@ -154,6 +154,7 @@ class ColourStrip:
 
 def lay_out_strip() -> ColourStrip:
     """Return the strip: marker, swatches, marker, each with white round it."""
+    # the upper row holds the colours, the lower row greys from black to white
     values = [round(255 * step / (GREY_STEPS - 1)) for step in range(GREY_STEPS)]
     greys = {f"grey {value}": (value, value, value) for value in values}
     left = MARKER_MM + QUIET_MM
@@ -385,8 +386,10 @@ def draw_page(pdf: Pdf, plan: PagePlan, page: Page, sheet: SheetDrawing, which: 
         rows, columns = plan.tiles
         which = f"{count_of(rows, 'row')} × {count_of(columns, 'column')}, {which}"
         picture = _draw_map(pdf, frame.content, page, sheet)
+        # a map has no crop marks, so its note stands 4 mm nearer
         sheet.note(pdf, Rect(picture.x, picture.y + 4, picture.width, picture.height))
     elif isinstance(page, TilePage):
+        # the copy is named only where there are several to mix up
         copies = max(other.copy for other in plan.pages if isinstance(other, TilePage))
         which = f"tile {page.tile.name}" + (f" of copy {page.copy}" if copies > 1 else "") + f", {which}"
         _draw_tile(pdf, page, sheet)
@@ -416,17 +419,21 @@ def _draw_tile(pdf: Pdf, page: TilePage, sheet: SheetDrawing) -> None:
 
 def _draw_map(pdf: Pdf, area: Rect, page: MapPage, sheet: SheetDrawing) -> Rect:
     """Draw the whole sheet small, each tile outlined and named, over the steps to join them; return its area."""
+    # the furthest edges of all tiles are the sheet's own
     sheet_width, sheet_height = (max(getattr(tile.area, end) for tile in page.tiles) for end in ("right", "top"))
     steps_mm = LINE_HEIGHT_MM * len(STEPS) + 4
+    # as large as the room above the steps lets it be
     small = min((area.width - 8) / sheet_width, (area.height - steps_mm - 14) / sheet_height)
     room = Rect(area.x, area.y + steps_mm + 10, area.width, area.height - steps_mm - 14)
     picture = room.centre(sheet_width * small, sheet_height * small)
     with pdf.moved(picture.x, picture.y, scale=small):
         sheet.draw(0.0, 0.0)
+    # the tiles overlap, and so do their outlines
     for tile in page.tiles:
         here = tile.area
         box = Rect(picture.x + here.x * small, picture.y + here.y * small, here.width * small, here.height * small)
         _outline_tile(pdf, box, tile.name)
+    # the steps stand under the map, the first on top
     for line, words in enumerate(STEPS):
         y = area.y + steps_mm - LINE_HEIGHT_MM * (line + 1)
         pdf.text(words, area.x + 4, y, 2.6, room_mm=area.width - 4)

@@ -32,6 +32,7 @@ def read_tags(text: str) -> tuple[str, list[int]]:
     Raises:
         ToolkitError: it is written otherwise, or the family lacks a number.
     """
+    # each part is a number or a range of numbers
     name, colon, numbers = text.partition(":")
     parts = [IDS.fullmatch(part.strip()) for part in numbers.split(",")]
     if not colon or None in parts:
@@ -40,6 +41,7 @@ def read_tags(text: str) -> tuple[str, list[int]]:
     known, ids = count_markers(dictionary), list[int]()
     for found in parts:
         assert found is not None
+        # a single number is a range, too
         first, last = int(found[1]), int(found[2] or found[1])
         if last >= known or first > last:
             expected = f"{name} has the tags 0 to {known - 1}" if last >= known else "expected the smaller number first"
@@ -64,18 +66,21 @@ def print_tags(wanted: OwnSettings, page: PrintSettings, folder: Path) -> Printe
     text = str(wanted.tag)
     dictionary, ids = read_tags(text)
     name = text.partition(":")[0].strip()
+    # a tag is drawn from its modules, so that resolution and scale say nothing
     page.refuse("tags have no pixels: give {size_mm} in its place", "scale_percent", "dpi")
     # sizes, and the marker of each copy
     side = measure_side_mm(1, page.with_overrides(size_mm=page.size_mm or TAG_DEFAULT_MM))
     white = side / len(marker_modules(dictionary, ids[0]))
     ids = [marker_id for marker_id in ids for _ in range(page.copies)]
     width, height = side + 2 * white, side + 2 * white + WORDS_MM
+    # a single plan holds all tags, as if they were copies of a sheet
     plan = plan_sheet(page.paper, page.orientation, width, height, len(ids))
     origin = f"{dictionary}, white border {white:.2f} mm   ·   toolkit {__version__}"
     title, size = f"{name}, {count_of(len(ids), 'tag')}", f"{side:g} mm, the side of the black square"
     pdf = Pdf(plan.frame.paper, f"{title}, {side:g} mm", text, {"dictionary": dictionary, "size_mm": f"{side:.3f}"})
 
     def draw(marker_id: int, x: float, y: float) -> None:
+        # the words stand below the tag, outside its white border
         left, bottom = x + white, y + white + WORDS_MM
         pdf.grey(0)
         with pdf.moved(left, bottom):
@@ -89,6 +94,7 @@ def print_tags(wanted: OwnSettings, page: PrintSettings, folder: Path) -> Printe
         single = plan_sheet(page.paper, page.orientation, width, height)
         sheets = [(single, partial(draw, marker_id)) for marker_id in ids]
     _draw_sheets(pdf, sheets, PatchLabel(title, size, origin))
+    # the file's name has no numbers, so the message says which they are
     numbers = f"id {ids[0]}" if len(set(ids)) == 1 else f"ids {min(ids)} to {max(ids)}"
     words = f"{count_of(len(ids), 'tag')} of {name}, {numbers}"
     plans = [plan for plan, _ in sheets]
@@ -107,6 +113,7 @@ def print_picture(wanted: OwnSettings, page: PrintSettings, folder: Path) -> Pri
         ToolkitError: the picture cannot be read, its size is missing or out of range, or the PDF cannot be written.
     """
     picture = Path(str(wanted.picture))
+    # any readable picture will do, as it needs no record
     try:
         pixels = read_opaque(picture)
     except UnreadableImage as error:
@@ -117,6 +124,7 @@ def print_picture(wanted: OwnSettings, page: PrintSettings, folder: Path) -> Pri
     # without a size, the resolution alone decides
     asked = page if page.scale_percent is not None or page.size_mm else page.with_overrides(scale_percent=100.0)
     texel = measure_side_mm(long, asked) / long
+    # texels are square, so that the longer side settles the shorter
     high, wide = (texel * count for count in pixels.shape[:2])
     width, height = wide + 2 * page.margin_mm, high + 2 * page.margin_mm
     plan = plan_sheet(page.paper, page.orientation, width, height, page.copies)
@@ -128,6 +136,7 @@ def print_picture(wanted: OwnSettings, page: PrintSettings, folder: Path) -> Pri
         pdf.raster("picture", pixels, Rect(x + page.margin_mm, y + page.margin_mm, wide, high))
 
     _draw_sheets(pdf, [(plan, draw)], label)
+    # how near a camera must come for its pixels to tell two texels apart
     reach = measure_reach_mm(texel, wanted.camera_px, wanted.camera_fov) / 1000
     note = (
         f"a camera of {wanted.camera_px} px across {wanted.camera_fov:g}° resolves its texels of {texel:.3g} mm up to "

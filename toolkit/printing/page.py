@@ -57,6 +57,7 @@ def parse_paper(text: str) -> Paper:
         ToolkitError: the name is unknown, or the sheet is smaller than 135 mm or larger than 5 m on a side.
     """
     name = text.strip().lower()
+    # papers with a name first, since any other text must be two numbers
     if name in PAPERS_MM:
         return Paper(name, *PAPERS_MM[name])
     custom = CUSTOM.match(name)
@@ -280,19 +281,23 @@ def pack_copies(content: Rect, cut_width: float, cut_height: float, copies: int)
     columns = min(most_columns, copies)
     rows = min(most_rows, math.ceil(copies / columns))
     group = content.centre(columns * cell_width, rows * cell_height)
+    # rows fill from the top of the page
     cuts = [
         Rect(group.x + column * cell_width + (cell_width - cut_width) / 2,
              group.top - row * cell_height - MARK_MM - cut_height, cut_width, cut_height)
         for row in range(rows)
         for column in range(columns)
     ]  # fmt: skip
+    # the last page may be left with fewer
     return [CopiesPage(tuple(cuts[: copies - done])) for done in range(0, copies, len(cuts))]
 
 
 def _spread_tiles(frame: PageFrame, cut_width: float, cut_height: float, copies: int) -> list[Page]:
     content = frame.content
+    # tiles leave room on all sides for their marks, and below for the caption
     most_width, most_height = content.width - 2 * MARK_MM, content.height - 2 * MARK_MM - CAPTION_MM
     tiles = tile_sheet(cut_width, cut_height, most_width, most_height)
+    # thousands of pages are a slip in the size, not a wish
     if len(tiles) * copies > MOST_PAGES:
         raise FieldError(
             f"{max(cut_width, cut_height):.0f} mm on {frame.paper.name} needs {len(tiles) * copies} pages: expected at "
@@ -300,6 +305,7 @@ def _spread_tiles(frame: PageFrame, cut_width: float, cut_height: float, copies:
             {},
         )
     window_area = Rect(content.x, content.y + CAPTION_MM, content.width, content.height - CAPTION_MM)
+    # the map comes first, as it says how the tiles are joined
     pages: list[Page] = [MapPage(tuple(tiles))]
     for copy in range(1, copies + 1):
         pages += [TilePage(tile, window_area.centre(tile.area.width, tile.area.height), copy) for tile in tiles]

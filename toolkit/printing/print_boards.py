@@ -53,11 +53,14 @@ def draw_board(pdf: Pdf, spec: Board) -> None:
     """Draw a board or a ring at full size; its ink is the printer's own black, not a mixture of colours."""
     pdf.saveState()
     pdf.grey(0)
+    # the board lies inside the sheet's edges; the front edge is wider, for its words
     if isinstance(spec, CharucoBoard):
         pdf.translate(EDGE_MM, FRONT_EDGE_MM)
+    # squares and markers in the grey of the spec, the words after them in black
     pdf.setFillGray(1 - spec.ink_percent / 100)
     if isinstance(spec, CharucoBoard):
         pdf.rects(spec.black_squares(), spec.size_mm[1])
+    # the board counts downwards, the page upwards
     for marker_id, middle, turn in spec.place_markers():
         with pdf.moved(middle[0], spec.size_mm[1] - middle[1], math.degrees(turn) if turn else None):
             # modules are drawn about the middle, since a ring turns each marker by its own angle
@@ -97,6 +100,7 @@ def _write_on_board(pdf: Pdf, spec: CharucoBoard) -> None:
 def _write_in_ring(pdf: Pdf, spec: MarkerRing) -> None:
     """Draw axes, front and spec in the free disc, and the line to cut along."""
     middle, radius = spec.outer_mm / 2, spec.inner_mm / 2
+    # the outer circle is cut along, the inner circle bounds the disc that the object stands on
     pdf.setLineWidth(LINE_MM)
     pdf.setStrokeGray(0.6)
     pdf.circle(middle, middle, middle - LINE_MM, stroke=1, fill=0)
@@ -105,6 +109,7 @@ def _write_in_ring(pdf: Pdf, spec: MarkerRing) -> None:
     # the line down ends above FRONT
     pdf.line(middle, middle - radius + 1 + 2 * FRONT_SIZE_MM, middle, middle + radius - 1)
     front = middle - radius + FRONT_SIZE_MM
+    # the words at the front edge, as on a board
     _draw_front(pdf, middle, front)
     pdf.setFillGray(0)
     pdf.text(spec.describe(), middle + 3, middle - 4, 2.2, room_mm=radius - 8)
@@ -159,6 +164,7 @@ def choose_board(
     Raises:
         ToolkitError: as `CharucoBoard`.
     """
+    # what options leave open comes from the default board
     columns, rows = squares or (DEFAULT_BOARD.columns, DEFAULT_BOARD.rows)
     side = DEFAULT_BOARD.square_mm if square_mm is None else square_mm
     # whole millimetres, which a ruler checks; the default board may take several pages, your own only if it must
@@ -210,6 +216,7 @@ USE_IT = "Print it on the paper and with the settings of the patches. Photograph
 
 def build_strip_pdf(paper: Paper, orientation: str = "auto") -> BoardDocument:
     """Draw the strip in the middle of a page, with check bars and, if they fit, crop marks."""
+    # the strip needs a single page, so no plan chooses the orientation
     frame = turn_frames(paper, orientation)[0]
     width, height = STRIP.size_mm
     size = f"{width:g} × {height:g} mm"
@@ -218,6 +225,7 @@ def build_strip_pdf(paper: Paper, orientation: str = "auto") -> BoardDocument:
         f"{size}   ({len(STRIP.swatches)} cells of {STRIP.swatches[0].side_mm:g} mm)",
         f"sRGB, markers of {STRIP.dictionary}   ·   toolkit {__version__}",
     )
+    # the strip's own place is at an edge, so it is moved to the middle of the content
     place, _ = next(reserve_strip(frame.content))
     area = strip_area(place)
     room = frame.content.centre(area.width, area.height)
@@ -303,6 +311,7 @@ def print_board(
     page = page or PrintSettings()
     spec = None if wanted.colour_strip else _choose_sheet(wanted, page)
     build = build_strip_pdf if spec is None else partial(build_board_pdf, spec)
+    # the strip has no spec, as its readers know its measures
     document = build(page.paper, page.orientation)
     note = _compare(workspace, spec) if spec else None  # before the spec that it is compared with is replaced
     printed = write_print(

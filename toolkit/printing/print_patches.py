@@ -34,14 +34,17 @@ def select_patches(
     Raises:
         ToolkitError: nothing is named, a class has no patch, or there is no patch at all.
     """
+    # the package's own patches are among the known
     known = workspace.patches()
     if not (classes or everything or files):
         names = ", ".join(sorted(known)) or "none"
         raise FieldError(
             f"no patch named: give {{objects}}, {{classes}}, {{everything}} or {{files}} (known: {names})", {}
         )
+    # files may still be printed in a workspace without patches
     if (classes or everything) and not known:
         raise ToolkitError(f"no patches in {workspace.patches_dir}: make one with 'toolkit train-patch --class NAME'")
+    # a class may have several patches; a patch that is named twice is printed once
     chosen = [path for name in classes for path in _find_class(known, name)]
     chosen += [known[name] for name in sorted(known)] if everything else []
     for file in files:
@@ -53,6 +56,7 @@ def select_patches(
 
 def _find_class(known: dict[str, Path], wanted: str) -> list[Path]:
     """Find a patch by its file's name, else every patch trained for that class, in any case."""
+    # a broken record must not hide the patches that can be read
     if wanted in known:
         return [known[wanted]]
     trained_for, broken = {}, []
@@ -62,6 +66,7 @@ def _find_class(known: dict[str, Path], wanted: str) -> list[Path]:
         except ToolkitError as error:
             broken.append(str(error))
     found = [known[name] for name, class_name in trained_for.items() if class_name.casefold() == wanted.casefold()]
+    # the message also says which records could not be read, since any of them may be meant
     if not found:
         unknown = one_of("patch or class", wanted, sorted({*known, *trained_for.values()}))
         raise ToolkitError("; ".join([str(unknown), *broken]))
@@ -77,6 +82,7 @@ def find_wearers(workspace: Workspace, png_file: Path) -> tuple[list[Wearer], li
         try:
             spec = read_spec(specs[name])
             found = png_file if name == png_file.stem else find_patch_file(workspace, spec)
+            # a link and its target are the same patch
             if found is not None and real_path(found) == real_path(png_file):
                 wearers.append(as_wearer(spec, png_file))
         except ToolkitError as error:
@@ -217,9 +223,12 @@ def print_patch(
         >>> print(tk.print_patch(png_file, Path("racer.pdf"), tk.PrintSettings(size_mm=60.0)).describe())
         racer.pdf: 60.0 × 60.0 mm, 1 page of a4 portrait
     """
+    # the record is compared with the picture here, so that a mixed-up pair is never printed
     patch, settings = read_patch(png_file), settings or PrintSettings()
+    # nothing is written before the whole document is made
     document = build_pdf(patch, settings, wearer)
     write_bytes(pdf_file, document.content)
+    # what the commands report, and a later comparison with the rig needs
     record, plan, plans = patch.record, document.plan, document.plans
     sheets = [
         PrintedSheet(at, round(page_plan.side_mm, 3), round(page_plan.cut_mm, 3), len(page_plan.pages), page_plan.tiles)
@@ -260,9 +269,11 @@ def print_patches(
     printed: list[PrintedPatch] = []
     failed: list[dict[str, str]] = []
     worn: list[tuple[Path, Wearer | None]] = []
+    # a patch on several objects is printed for each, in the size of its spec
     for file in files:
         wearers = find_wearers(workspace, file)[0] if workspace is not None else []
         worn += [(file, wearer) for wearer in wearers] or [(file, None)]
+    # names are settled before the first page, so that a clash leaves nothing half done
     targets = _name_targets(worn, out)
     with progress("Printing", len(targets), quiet=len(targets) == 1) as ticker:
         for png_file, wearer, pdf_file in targets:
@@ -289,6 +300,7 @@ def print_chosen(
     Raises:
         ToolkitError: nothing is chosen, an object is unknown or has no patch, or as `print_patches`.
     """
+    # objects come first, in the size that their specs state
     worn = []
     for name in dict.fromkeys(objects):
         spec = read_spec(workspace.object_spec(name))
@@ -307,6 +319,7 @@ def print_chosen(
         chosen = select_patches(workspace, classes, everything, files)
         more, failed = print_patches(chosen, out, settings, go_on=everything, workspace=workspace)
         printed += more
+    # a size that was asked for by object is the spec's or the user's: there is nothing to compare
     compared = [] if objects else printed
     notes = list(dict.fromkeys(note for sheet in compared for note in compare_with_rig(workspace, sheet)))
     return printed, failed, notes + check_fits(workspace, printed)
@@ -314,12 +327,14 @@ def print_chosen(
 
 def _name_targets(worn: Sequence[tuple[Path, Wearer | None]], out: Path) -> list[tuple[Path, Wearer | None, Path]]:
     """Return each patch, its object, and its PDF; no two may share it."""
+    # a single file can hold a single patch
     if out.suffix.lower() == ".pdf" and len(worn) > 1:
         pages = ", ".join(wearer.object if wearer else file.stem for file, wearer in worn)
         raise FieldError(f"one file for {len(worn)} pages ({pages}): name a folder, or one object", {"out": out})
     if out.suffix.lower() == ".pdf":
         return [(*pair, out) for pair in worn]
     targets = [(file, wearer, out / f"{wearer.object if wearer else file.stem}.pdf") for file, wearer in worn]
+    # patches of the same name may lie in different folders
     names = [pdf_file.name for *_, pdf_file in targets]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise FieldError(
@@ -340,12 +355,14 @@ def print_all(workspace: Workspace) -> list[PrintedPatch]:
 
 def compare_with_rig(workspace: Workspace, printed: PrintedPatch) -> list[str]:
     """Say what to do if the object has the patch in another size than was printed, and name broken specs."""
+    # a patch that the workspace does not know cannot be on any of its objects
     png_file = workspace.patches().get(printed.name)
     if png_file is None:
         return []
     wearers, broken = find_wearers(workspace, png_file)
     notes = []
     for wearer in wearers:
+        # only objects that this page was printed for, and only where the size differs
         if printed.object not in (None, wearer.object) or is_same_size(wearer.sizes_mm, printed.sizes_mm):
             continue
         sheet = "sheet" if len(wearer.sizes_mm) == 1 else "sheets"

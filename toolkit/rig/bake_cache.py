@@ -113,6 +113,7 @@ def _prepare_glow(mesh: Mesh) -> Glow:
 
 def light_mesh(mesh: Mesh, paint: PackedPaint, light: BakedLight, stand: Stand) -> LitMesh:
     """A mesh with paint and light on it, ready for the kernel; it gives off none itself, see `with_lamps`."""
+    # columns as the kernel reads them: corners, material, texel density and where the light of a face is stored
     materials, faces = mesh.materials, np.empty(len(mesh.faces), FACE)
     faces["a"], faces["b"], faces["c"] = mesh.faces.T
     faces["material"], faces["density"] = mesh.face_material, paint.density
@@ -122,10 +123,12 @@ def light_mesh(mesh: Mesh, paint: PackedPaint, light: BakedLight, stand: Stand) 
     corners[:, :3], corners[:, 3:] = np.nan_to_num(mesh.normals), np.nan_to_num(mesh.uv).clip(-1e6, 1e6)
     return LitMesh(
         faces=faces, corners=corners, texture=paint.texture,
+        # looks of each material, by its number
         roughness=np.array([m.roughness for m in materials], np.float32),
         metallic=np.array([m.metallic for m in materials], np.float32),
         finely=np.array([bool(m.sheet) for m in materials]),
         left_out=np.zeros(len(materials), bool), texels=paint.texels,
+        # no lamp is lit until `with_lamps` says so
         glow=np.full(len(materials), -1, np.int32), glow_lod=np.zeros(len(materials), np.float32),
         glow_texels=kept(pack_one, NO_PICTURE),
         stored=light.stored, turn=as_rotation(stand.turn), place=as_triple(stand.place),

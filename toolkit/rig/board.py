@@ -191,8 +191,10 @@ class CharucoBoard(SquareBoard):
                 f"{0.9 * self.square_mm:g} mm, so that white paper is left round it; {MARKER_SHARE * self.square_mm:g} "
                 "mm is good"
             )
+        # numbers from here on are the rings': a photograph must tell a board's markers from a ring's
         known = count_markers(self.dictionary)
         most = min(known, RING_FIRST_ID) if self.dictionary == DICTIONARY else known
+        # a board that starts elsewhere is checked against the dictionary alone, with its numbers, below
         if self.first_id == 0 and self.marker_count > most:
             raise ToolkitError(
                 f"board: {self.columns}x{self.rows} squares need {self.marker_count} different markers, "

@@ -120,6 +120,7 @@ def choose_ring(inner_mm: float, marker_mm: float | None = None) -> MarkerRing:
         ToolkitError: too few markers fit.
     """
     require_mm("ring: inner_mm", inner_mm)
+    # whole millimetres, which a ruler can check
     side = float(min(max(round(inner_mm / 12.5), 12), 40)) if marker_mm is None else marker_mm
     require_mm("ring: marker_mm", side)
     most = count_that_fit(inner_mm, side)
@@ -130,8 +131,11 @@ def choose_ring(inner_mm: float, marker_mm: float | None = None) -> MarkerRing:
             f"a ring of {inner_mm:g} mm takes {most} markers of {side:g} mm, expected at least {FEWEST_MARKERS}: "
             f"choose a ring of at least {math.ceil(least)} mm or smaller markers"
         )
+    # half of the free disc and a module of white paper: the apothem of the polygon of the markers' inner sides
     apothem = inner_mm / 2 + side / 7
+    # a side of the polygon is a marker and a third of it
     roomy = int(math.pi / math.atan(side * 4 / 3 / 2 / apothem))
+    # the strip's markers come after the ring's, so the ring may not take their numbers
     return MarkerRing(inner_mm, side, min(max(roomy, FEWEST_MARKERS), STRIP_FIRST_ID - RING_FIRST_ID))
 
 
@@ -199,6 +203,7 @@ class BoardSpec(BaseModel):
         Raises:
             ToolkitError: a field is missing or has no sense for its kind, or its sizes cannot be.
         """
+        # a file may leave fields out, but only those that its kind does not need
         given = self.model_dump(exclude_none=True, exclude={"kind"})
         needed, allowed = NEEDED[self.kind], ALLOWED[self.kind]
         for name in ("marker_mm", "dictionary", "first_id", "legacy"):
@@ -206,6 +211,7 @@ class BoardSpec(BaseModel):
                 raise ToolkitError(f"field '{name}': missing; a board of kind {self.kind} needs it")
             if name in given and name not in (*needed, *allowed):
                 raise ToolkitError(f"field '{name}': a board of kind {self.kind} has none: delete the line")
+        # the kind says which family of markers is meant, so that a mix-up is told before anything is measured
         of_april = (self.dictionary or "").startswith("DICT_APRILTAG")
         if self.kind in ("aruco-grid", "apriltag-grid") and of_april != (self.kind == "apriltag-grid"):
             other = "apriltag-grid" if of_april else "aruco-grid"
@@ -243,6 +249,7 @@ def with_board(workspace: Workspace, board: str | Path | None) -> Workspace:
     """
     if board in (None, PRINTED):
         return replace(workspace, board=None)
+    # a bare word is a name in the workspace, anything else a path
     path = Path(board)
     if path.suffix != ".toml" and len(path.parts) == 1:
         path = boards_dir(workspace) / f"{board}.toml"
@@ -288,6 +295,7 @@ def read_board(workspace: Workspace) -> Board:
     Raises:
         ToolkitError: the file is broken, names both a board and a ring or neither, or its sizes cannot be.
     """
+    # the file of `toolkit print` is JSON, a board that somebody else printed is TOML
     file = board_file(workspace)
     if workspace.board is not None:
         spec = read_toml(file, BoardSpec)
@@ -297,6 +305,7 @@ def read_board(workspace: Workspace) -> Board:
             raise ToolkitError(f"{file}: {error}") from None
     if not file.is_file():
         return DEFAULT_BOARD
+    # the last sheet that was printed, of either kind
     found = read_json(file, BoardFile)
     if (found.board is None) == (found.ring is None):
         raise ToolkitError(f"{file}: expected either 'board' or 'ring': print the sheet again, or delete the file")

@@ -59,6 +59,7 @@ def _list_facts(item: TableObject, booster: AppliedBooster, record: Record, trai
     texel = "" if booster.texel_mm is None else f", {booster.texel_mm:.3g} mm each"
     rows["texels"] = f"{len(booster.pixels)} × {len(booster.pixels)}{texel}"
     rows["SHA-256"] = booster.sha256
+    # training data stand as they are in the record, so that the card can be checked against it
     if trained:
         rows["class"] = f"{record.get('class_name')} (index {trained['class_index']})"
         rows["seed"] = str(trained["seed"])
@@ -75,12 +76,14 @@ def _list_networks(trained: Record) -> list[str]:
 
 def _list_shares(trained: Record) -> list[str]:
     """Top-1 of each network with the booster and without, with intervals; nothing where the record has none."""
+    # keys of the record are such as `resnet18_held_out_fog_patched_top1`
     final, rows = trained.get("final", {}), []
     for key in final:
         if (found := SHARES.fullmatch(key)) is None:
             continue
         place = f"{found['network']}_{found['where']}"
         cells = []
+        # what was not measured stays an empty cell
         for what in ("bare", "patched"):
             top1, low, high, n = (final.get(f"{place}_{what}_{name}") for name in ("top1", "low", "high", "n"))
             cells.append("" if top1 is None else f"{top1:.0%} ({low:.0%} to {high:.0%}, n = {n:.0f})")

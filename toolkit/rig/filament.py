@@ -91,11 +91,13 @@ class FilamentRenderer(Renderer):
     def _add(renderer: "OffscreenRenderer", name: str, mesh: Mesh, faces: np.ndarray, material: Material) -> None:
         o3d = load_open3d()
 
+        # the faces of a material become a mesh of their own, with the vertices that they use
         used, inverse = np.unique(faces, return_inverse=True)
         local = inverse.reshape(-1, 3).astype(np.int32)
         shape = o3d.geometry.TriangleMesh(
             o3d.utility.Vector3dVector(mesh.vertices[used].astype(float)), o3d.utility.Vector3iVector(local)
         )
+        # a face brings its own three texture coordinates, as seams need
         shape.vertex_normals = o3d.utility.Vector3dVector(mesh.normals[used].astype(float))
         shape.triangle_uvs = o3d.utility.Vector2dVector(mesh.uv[faces].reshape(-1, 2).astype(float))
         look = o3d.visualization.rendering.MaterialRecord()
@@ -124,7 +126,9 @@ def _on_stderr() -> Iterator[None]:
 
     Open3D says hello there through Python, Filament through C.
     """
+    # what Python still holds would come out in the wrong place later
     sys.stdout.flush()
+    # by descriptor, since C's output does not go through Python
     kept = os.dup(1)
     os.dup2(2, 1)
     try:

@@ -196,6 +196,7 @@ def describe_misfit(item: TableObject, size_mm: float, number: int = 1) -> str |
     else:
         if fit.lies:
             return None
+        # of several troubles the last here is told
         trouble = f"it bends by {fit.bend_deg:.0f}°"
         if fit.overhang > MOST_OVERHANG:
             trouble = f"{fit.overhang:.0%} of the sheet has nothing below"

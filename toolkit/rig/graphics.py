@@ -61,6 +61,7 @@ def _start_egl() -> str:
         egl = ctypes.CDLL("libEGL.so.1")
     except OSError:
         return "libEGL.so.1 is missing"
+    # without types, ctypes cuts a pointer to 32 bits
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
     # a display without a screen: the function for it is an extension, found by name
@@ -97,6 +98,7 @@ def _start_vulkan() -> str:
         vulkan = ctypes.CDLL("libvulkan.so.1")
     except OSError:
         return "libvulkan.so.1 is missing"
+    # the loader makes no instance without a driver
     wanted, instance, count = _InstanceCreateInfo(), ctypes.c_void_p(), ctypes.c_uint32()
     wanted.type = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO
     if vulkan.vkCreateInstance(ctypes.byref(wanted), None, ctypes.byref(instance)):

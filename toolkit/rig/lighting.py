@@ -256,6 +256,7 @@ def bake_studio_light(shape: Shape, albedo: np.ndarray, scene: Scene, detail: Ba
             "open": made.open_irradiance,
         }  # fmt: skip
 
+    # of the table's picture, light that bounces off it takes the mean colour alone
     ground = _mean_colour(scene.table)
     inputs = [hash_triangles(shape.mesh), albedo, scene.key, scene.environment, ground, detail]
     kept = keep_arrays("light", inputs, bake)

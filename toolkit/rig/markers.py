@@ -107,6 +107,7 @@ def find_markers(dictionary: str, grey: np.ndarray, *, refined: bool = False) ->
         corners, ids, _ = cv2.aruco.ArucoDetector(get_dictionary(dictionary), parameters).detectMarkers(grey)
     except cv2.error:  # a shape that it takes for a marker can fail its own checks
         return []
+    # OpenCV says None where it finds no marker
     numbers = [] if ids is None else ids.ravel().tolist()
     return [(number, corner.reshape(4, 2)) for number, corner in zip(numbers, corners, strict=True)]
 
@@ -130,6 +131,7 @@ def black_rects(modules: np.ndarray) -> np.ndarray:
     side = len(modules)
     open_runs: dict[tuple[int, int], int] = {}
     rects = []
+    # a row more than there are, which ends all runs
     for row in range(side + 1):
         runs = set(_find_runs(modules[row])) if row < side else set()
         # a run that the next row has as well grows down: fewer, larger rectangles, and no seams between rows
@@ -182,6 +184,7 @@ SAMPLES = 5
 
 def add_turned(ink: np.ndarray, modules: np.ndarray, corners_px: np.ndarray) -> None:
     """Add to (h, w) `ink` the share of each pixel that a turned marker covers, from `SAMPLES`² points in each."""
+    # the pixels round the marker, each with a grid of points
     x0, y0 = np.maximum(np.floor(corners_px.min(axis=0)).astype(int), 0)
     x1, y1 = np.minimum(np.ceil(corners_px.max(axis=0)).astype(int), ink.shape[::-1])
     at = (np.arange(SAMPLES * max(x1 - x0, y1 - y0)) + 0.5) / SAMPLES

@@ -137,11 +137,13 @@ class MitsubaRenderer(Renderer):
         mi, scene = _load(), self._scene
         parts: dict[str, Any] = {"type": "scene", "room": _make_environment(scene.environment)}
         bodies = [self._mesh_in_world, *([scene.surroundings] if scene.surroundings is not None else [])]
+        # a shape has a single material, so each material of a mesh becomes a shape
         for body, mesh in enumerate(bodies):
             for index, material in enumerate(mesh.materials):
                 faces = mesh.faces[mesh.face_material == index]
                 if len(faces):
                     parts[f"body{body}_{index}"] = _make_shape(mesh, faces, material, scene.lamps)
+        # the key light stands away by the size of what it lights
         size = max(float(mesh.size_mm.max()) for mesh in bodies)
         if scene.table is not None:
             parts["table"] = self._make_table()
@@ -166,6 +168,7 @@ class MitsubaRenderer(Renderer):
         away, radius = KEY_AWAY * size, np.tan(np.radians(key.radius_deg))
         # a disc of even radiance L that looks this large has the irradiance L pi sin² of its angle
         radiance = np.array(key.irradiance) / (np.pi * np.sin(np.radians(key.radius_deg)) ** 2)
+        # any direction will do, but for the light's own
         up = [0, 0, 1] if abs(direction[2]) < 0.9 else [1, 0, 0]
         place = mi.ScalarTransform4f().look_at(
             origin=(target + away * direction).tolist(), target=target.tolist(), up=up
@@ -243,6 +246,7 @@ def _make_shape(mesh: Mesh, faces: np.ndarray, material: Material, lamps: float)
     used, inverse = np.unique(faces, return_inverse=True)
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(_make_bsdf(material))
+    # what a lamp gives off is its picture in linear light, times how brightly lamps burn
     if material.emission is not None and lamps > 0:
         glow = srgb_to_linear(material.emission / np.float32(255)) * np.float32(lamps)
         radiance = {"type": "bitmap", "bitmap": mi.Bitmap(np.ascontiguousarray(glow, np.float32)), "raw": True}
@@ -250,6 +254,7 @@ def _make_shape(mesh: Mesh, faces: np.ndarray, material: Material, lamps: float)
     shape = mi.Mesh(
         material.name, len(used), len(faces), properties, has_vertex_normals=True, has_vertex_texcoords=True
     )
+    # its arrays are flat, and filled by their names
     values = mi.traverse(shape)
     # its pictures have row 0 at v = 0, ours at v = 1
     uv = np.nan_to_num(mesh.uv[used]) * [1, -1] + [0, 1]

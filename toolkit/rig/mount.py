@@ -122,6 +122,7 @@ def lay_sheet(mesh: Mesh, size_mm: float, mount: PatchMount, name: str, find_hei
 
     def look(T_object_sheet: np.ndarray) -> np.ndarray:
         heights = find_heights(T_object_sheet, side)
+        # with under a twentieth of it over the object, the sheet has missed it
         if np.isfinite(heights).mean() < 0.05:
             raise ToolkitError(
                 f"{name}: there is no surface below the patch at [patch] at = '{mount.at}', offset_mm = "
@@ -175,6 +176,7 @@ def do_overlap(sheet: MountedSheet, other: MountedSheet) -> bool:
     if outward @ other_outward > ALIKE:
         middle = (outward + other_outward) / np.linalg.norm(outward + other_outward)
         points, other_points = (each - np.outer(each @ middle, middle) for each in (points, other_points))
+    # as far as two samples of the larger sheet lie apart: what is nearer overlaps
     near = (max(sheet.size_mm, other.size_mm) + 2 * TAPE_MARGIN_MM) / (SAMPLES - 1)
     distance, which = cKDTree(other_points).query(points, distance_upper_bound=near)
     close = np.flatnonzero(np.isfinite(distance))
@@ -203,6 +205,7 @@ def wear_sheets(mesh: Mesh, sheets: Sequence[MountedSheet]) -> tuple[Mesh, np.nd
     paper = sheets[int(np.argmax(n_px))].mesh.materials[0]
     shared = []
     for side, sheet in zip(n_px, sheets, strict=True):
+        # about the middle, where the patch is: the texels of a smaller paper are the middle ones of the widest
         uv = (0.5 + (sheet.mesh.uv - 0.5) * (side / max(n_px))).astype(np.float32)
         worn = replace(sheet.mesh, uv=uv, materials=(paper, *sheet.mesh.materials[1:]))
         shared.append(sheet.mesh if side == max(n_px) and sheet.mesh.materials[0] is paper else worn)
@@ -261,6 +264,7 @@ def _tilt(heights: np.ndarray, T_object_sheet: np.ndarray, side: float) -> np.nd
     Its centre goes straight down to that plane, so that tilting does not carry the sheet sideways.
     """
     right, up, normal, centre = T_object_sheet[:3].T
+    # where the heights were sampled in the sheet's plane, millimetres
     steps = np.linspace(-side / 2, side / 2, SAMPLES)
     x, y = np.meshgrid(steps, steps)
     known = np.isfinite(heights)
@@ -273,11 +277,13 @@ def _tilt(heights: np.ndarray, T_object_sheet: np.ndarray, side: float) -> np.nd
     # the direction of the slope is kept, its steepness is not
     if steepest > (limit := np.tan(np.radians(MAX_TILT_DEG))):
         slope_x, slope_y = slope_x * limit / steepest, slope_y * limit / steepest
+    # how far along its normal the plane lies from the sheet's centre
     level = (heights[near] - slope_x * x[near] - slope_y * y[near]).mean() * normal
     tilted_right = right + slope_x * normal
     tilted_right /= np.linalg.norm(tilted_right)
     tilted_normal = np.cross(tilted_right, up + slope_y * normal)
     tilted_normal /= np.linalg.norm(tilted_normal)
+    # up follows from the other two, so that the frame stays orthonormal
     return _frame(tilted_right, np.cross(tilted_normal, tilted_right), tilted_normal, centre + level)
 
 

@@ -144,7 +144,9 @@ def _judge_all(
 ) -> list[Place]:  # fmt: skip
     """Every place where a sheet lies, best first."""
     scene = make_ray_scene(item.mesh)
+    # the grid is as coarse as the object is long
     step_mm = float(item.mesh.size_mm.max()) / config.steps
+    # the places of today come first: of equal scores the first wins
     tried = [
         *(spot.model_copy(update={"size_mm": size}) for size in sizes_mm for spot in today if spot.at in config.sides),
         *(mount for size, at in product(sizes_mm, config.sides) for mount in _spread(item, at, size, step_mm)),
@@ -174,8 +176,10 @@ def judge_place(
     if only_lying and not fit.lies:
         return None
     points, normals = _grid(fit, mount.at)
+    # what each pose sees of the sheet: the share that nothing hides, and its area in the image
     seen = [_see(scene, camera, pose.matrix(), points, normals) for pose in poses]
     shares, areas = np.array(seen).T
+    # a length in pixels: the root of the area seen, less the share that floats
     return Place(mount, fit, shares, areas, float(np.sqrt(areas).mean() * (1 - fit.floating)))
 
 

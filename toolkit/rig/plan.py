@@ -295,6 +295,7 @@ def plan_poses(
         if sheet_mm is not None:
             # a sheet may reach out over its object: it decides only where it would be cut
             distance = max(distance, distance_to_fill(camera, sheet_mm, target, azimuth, elevation, fill=WHOLE))
+        # a distance that was asked for replaces that which fills the frame; two are spread over the poses
         if pattern.distance_mm is not None:
             share = i / max(len(angles) - 1, 1)
             distance = pattern.distance_mm[0] * (1 - share) + pattern.distance_mm[1] * share
@@ -320,6 +321,7 @@ def check_poses(item: TableObject, camera: Camera, poses: list[Pose]) -> None:
     for pose in poses:
         position = pose.matrix()[:3, 3]
         where = f"plan: object '{item.name}', pose {pose.id}"
+        # inside its bounding box counts as inside the object
         if np.all(position > low) and np.all(position < high):
             raise ToolkitError(f"{where}: the camera is inside the object: expected a larger distance_mm")
         if position[2] <= 0:
@@ -346,6 +348,7 @@ def make_plan(
     Raises:
         ToolkitError: the camera cannot be, or as `plan_poses` and `spread_poses` say.
     """
+    # the bounds of the file are checked first, or a plan could be written that cannot be read again
     try:
         _CameraFields.of(camera)
     except ValidationError as error:
@@ -380,11 +383,13 @@ def open_plan(workspace: Workspace, names: list[str] | None = None, pattern: Pat
         ToolkitError: the plan is broken, or an object is unknown.
     """
     old = read_plan(workspace.plan_file) if workspace.plan_file.is_file() else None
+    # without names, a plan that is there is complete; where there is none, all objects with a mesh are planned
     wanted = names or [] if old else sorted({*names_with_mesh(workspace), *(names or [])})
     missing = [name for name in wanted if old is None or name not in old.objects]
     if old is not None and not missing:
         return old
     items = [load_object(workspace.object_spec(name)) for name in missing]
+    # the plan's camera stays, as its poses were chosen for it
     plan = keep_others(old, make_plan(items, old.camera if old else Camera.from_fov(), pattern or Pattern(), workspace))
     write_plan(workspace.plan_file, plan)
     return plan
@@ -463,6 +468,7 @@ def plan_objects(
     """
     items = [load_object(workspace.object_spec(name)) for name in objects or names_with_mesh(workspace)]
     made = make_plan(items, camera or Camera.from_fov(), pattern or Pattern(), workspace)
+    # a plan of all objects begins anew, a plan of named objects keeps the others
     old = read_plan(workspace.plan_file) if objects and workspace.plan_file.is_file() else None
     plan = keep_others(old, made)
     write_plan(workspace.plan_file, plan)

@@ -62,6 +62,7 @@ def draw_contact_sheet(
         left, top = i % columns * small.width, i // columns * small.height
         sheet.paste(Image.fromarray(tile), (left, top))
         label = f"{pose.id}: azimuth {pose.azimuth_deg:.0f}°, elevation {pose.elevation_deg:.0f}°"
+        # on white, as the picture behind may be dark
         box = draw.textbbox((left + 6, top + 4), label, font=font)
         draw.rectangle((box[0] - 3, box[1] - 2, box[2] + 3, box[3] + 2), fill="white")
         draw.text((left + 6, top + 4), label, font=font, fill="black")

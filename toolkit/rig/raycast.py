@@ -130,7 +130,9 @@ class RaycastRenderer(Renderer):
         # the array itself is compared: of two materials that look alike only a single may be trained
         left_out = np.array([m.texture is texture for m in self._mesh.materials])
         lit = self._object.lit._replace(left_out=left_out)
+        # the picture as if the texture were black, and what each sample takes from the texture
         dark, out, _ = self._paint_meshes(camera, T_world_camera, lit, linear=True)
+        # table and room as if the object covered nothing, as they are seen behind it
         behind = np.zeros_like(dark)
         self._paint_background(camera, T_world_camera, out.coverage, behind, apart=True)
         out = out._replace(coverage=out.coverage.reshape(behind.shape[:2]))
@@ -254,6 +256,7 @@ def _compile_all() -> None:
         code = "from toolkit.rig.raycast import compile_paint; compile_paint()"
         paint = pool.submit(run_python, code, most_s=MOST_COMPILING_S) if is_shared else None
         studio, world = _make_least(is_outdoors=False), _make_least(is_outdoors=True)
+        # tracing is compiled here, painting in the other process
         for renderer in (studio, world):
             renderer._trace(*LEAST_VIEW)
         if paint is not None:

@@ -148,5 +148,6 @@ def make_renderer(
     from toolkit.rig.lighting import FULL_DETAIL
     from toolkit.rig.scene import AT_ORIGIN
 
+    # a scene without a table is a world, which not every renderer draws
     kind = RENDERERS[check_starts(name if scene.table is not None else check_world_renderer(name))]
     return kind.make(mesh, scene, detail or FULL_DETAIL, stand or AT_ORIGIN)

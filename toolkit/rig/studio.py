@@ -132,11 +132,14 @@ def paint_room(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
     room = np.empty((height, width, 3), np.float32)
     wall = srgb_to_linear(np.array(WALLS[rng.integers(len(WALLS))]) / 255)
     floor = srgb_to_linear(np.array(FLOORS[rng.integers(len(FLOORS))]) / 255)
+    # rows go from straight up to straight down: walls from 41° above the horizon to 22° below it
     horizon, ceiling, skirting = height // 2, round(height * 0.27), round(height * 0.62)
     room[:ceiling] = 0.85 * np.array([1.0, 0.99, 0.97])
     room[ceiling:skirting] = 0.8 * wall
     room[skirting:] = 0.6 * floor
+    # walls are lighter below the ceiling than above the skirting
     room[ceiling:skirting] *= np.linspace(1.15, 0.8, skirting - ceiling)[:, None, None]
+    # four of six places round the room are furnished
     for azimuth in rng.permutation(np.arange(0, 360, 60))[:4] + rng.uniform(-12, 12, 4):
         furnish = (_window, _shelf, _picture)[rng.integers(3)]
         furnish(room, rng, int(azimuth / 360 * width), horizon)
@@ -260,6 +263,7 @@ def make_studio(
         room = paint_room(rng, ENVIRONMENT_SHAPE) * np.float32(ROOM_LIGHT[light]) * warmth.astype(np.float32)
         return {"table": table, "room": room}
 
+    # the name holds backdrop, light and seed: with the table's size, all that is painted
     painted = keep_arrays("studio", [name, table_mm], paint) if keep else paint()
     table, room = painted["table"], painted["room"]
     return Scene(name, key, room, _expose(key, room, table), Table(table, table_mm, kind.roughness))

@@ -46,6 +46,7 @@ def find_booster(
     Raises:
         ToolkitError: an unknown variant, or the booster that it needs is missing or broken.
     """
+    # tags have no end of names, so that no table lists them
     if (tag := parse_tag(variant)) is not None:
         return find_tag_booster(item, variant, tag)
     if variant not in VARIANTS:
@@ -114,12 +115,14 @@ def export_object(
     Raises:
         ToolkitError: no such object, format or variant, or a file cannot be written.
     """
+    # formats are checked before anything is written
     for form in formats:
         if form not in get_args(MeshFormat):
             raise one_of("format", form, list(get_args(MeshFormat)))
     item = load_object(workspace.object_spec(name))
     booster = find_booster(workspace, item, variant)
     mesh = apply_booster(item, booster)
+    # an object with something on it gets a name of its own
     stem, folder = name if booster is None else f"{name}-{variant}", out or workspace.print_dir
     if folder.is_file():
         raise FieldError("expected a folder", {"out": folder})
@@ -133,6 +136,7 @@ def export_object(
         for file, content in contents.items():
             write_bytes(folder / file, content)
         files.append(folder / f"{stem}.{form}")
+    # the bare object is examined: paper is no solid
     return files, examine_solid(item.mesh)
 
 

@@ -241,6 +241,7 @@ def render_block(
     shown = ViewBlock(subject.mesh, settings, draws, setting)
     # a second renderer is half of the work
     own_paint = shown.place(subject.bare) if with_bare or kind == HELD_OUT else None
+    # the texture that is trained: a view is linear in it
     texture = subject.mesh.materials[subject.material].texture
 
     def render(number: int) -> RenderedView:
@@ -248,6 +249,7 @@ def render_block(
         view = shown.renderer.render_linear(camera, pose, texture).packed()
         if with_depth:
             view = replace(view, depth=find_depth(shown.renderer, shown.scene, camera, pose))
+        # a second renderer paints when the texels are known, as it has no linear view
         if renderer != RAYCAST:
             view = replace(view, repaint=partial(_repaint, renderer, subject, shown.scene, shown.stand, camera, pose))
         if own_paint is None:
@@ -336,6 +338,7 @@ class ViewStream:
             for stale in [n for n in self._waiting if n < number]:
                 for future in self._waiting.pop(stale):
                     future.cancel()
+            # with the next group begun, rendering goes on while this group is trained on
             for n in range(number, min(number + 2, self._groups) if self._pool is not None else number + 1):
                 if n not in self._waiting:
                     count = self.settings.studios
@@ -357,6 +360,7 @@ class ViewStream:
         )  # fmt: skip
         if self._pool is not None:
             return [self._pool.submit(render, block) for block in blocks]
+        # futures that are done already look the same to whoever waits for them
         futures = []
         for block in blocks:
             future: Future[list[RenderedView]] = Future()

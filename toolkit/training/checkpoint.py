@@ -69,6 +69,7 @@ class Checkpoint:
             return None
         way_out = "delete it, or run the same again with {restart}"
         try:
+            # numbers and description are read together, then judged
             with safe_open(self.file, "np") as stored:
                 about = json.loads((stored.metadata() or {})["toolkit"])
                 arrays = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 (no mapping)

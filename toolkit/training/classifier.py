@@ -85,18 +85,22 @@ def train_classifier(
         ToolkitError: the settings, the data or a checkpoint cannot be used, or the disk is full.
     """
     device = choose_device(device)
+    # the folder of the network, and of what is kept on the way
     folder = out or workspace.classifiers_dir
     training = folder / ".training" / config.name
+    # a single process deletes, however many train
     if restart and current().is_first:
         delete_folder(training)
     # what is learnt, and from which weights
     init = None if config.init is None else find_weights(config.arch, config.init)
     counts = RenderCounts(config.per_class, config.views, config.held_out, config.seed, config.stored_px)
     sources = open_sources(config.data, workspace, counts, download)
+    # with the start's own labels, only its classes may be in the data
     kept = load_classifier(config.arch, config.init, "cpu") if config.keep_labels else None
     classes = list_classes(sources) if kept is None else keep_classes(sources, kept)
     # fail before the photographs are decoded, which may take minutes
     check_fit(config.arch, len(classes.labels), config.image_px)
+    # stored a little larger than the network sees them, so that training can cut at random
     stored = store_preprocessing(config.preprocessing(), config.stored_px)
     # another run of the same name waits until the photographs are decoded
     with hold_folder(folder, f".{config.name}.lock"):

@@ -126,6 +126,7 @@ def read_attack(given: object) -> object:
     """
     if not isinstance(given, str):
         return given
+    # words such as l2:0.5, with a fraction for steps of 255
     norm, _, eps = given.partition(":")
     above, _, below = eps.partition("/")
     try:
@@ -323,6 +324,7 @@ def check_fit(arch: str, classes: int, image_px: int) -> None:
         ToolkitError: images of this size are too small, or not of the size that the network takes.
     """
     try:
+        # on the device "meta" a network has shapes and no numbers
         with torch.device("meta"):
             build_network(arch, classes).train()(torch.zeros(2, 3, image_px, image_px))
     except (RuntimeError, ValueError, AssertionError) as error:

@@ -139,6 +139,7 @@ def find_worst_images(
             # the sum's gradient is each image's own, as no loss depends on another image
             (gradient,) = torch.autograd.grad(losses.sum(), moved)
         with torch.no_grad():
+            # the image itself is asked in the first round
             worst, highest = _keep_higher(worst, highest, moved, losses)
             moved = attack.project(attack.climb(moved, gradient), images)
     with torch.no_grad():
@@ -296,6 +297,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
         self.title = f"Training {config.name}"
         self.advice = f"train again with {{restart}} and a lower {{lr}} than {config.lr:g}"
         self._how, self._device, self._precision = how, device, "float32"
+        # in [0, 1], as images are before they are normalised
         self._mean, self._std = (torch.tensor(v, device=device).view(1, 3, 1, 1) for v in (how.mean, how.std))
         pictures = inputs.pictures
         self._overlay = None if pictures is None else pictures.fit(labels, inputs.used, config.image_px)
@@ -342,13 +344,16 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
 
     def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """Cross-entropy, with that of side outputs where the network has them; and the share recognised."""
+        # the whole batch is drawn, and each process takes its part: the draws do not depend on their number
         batch, classes = self._draw_batch(self.inputs.data.train, step, self.work.kind)
         batch, wanted = current().share(batch), torch.from_numpy(current().share(classes)).to(self._device)
+        # images are moved to where the loss is high, before they are learnt
         if self.config.robust is not None:
             batch = self._attack(batch, wanted, self.config.robust)
         self.module.train()
         with autocast(self._precision, self._device):
             outputs = self.module(self._normalise(batch))
+        # some networks have side outputs in training, which count less
         main, *sides = outputs if isinstance(outputs, tuple) else (outputs,)
         smoothing = self.config.label_smoothing
         loss = cross_entropy(main.float(), wanted, label_smoothing=smoothing)
@@ -376,6 +381,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
     def _draw_batch(self, pack: Pack, step: int, phase: str) -> tuple[torch.Tensor, np.ndarray]:
         """Images in [0, 1], augmented, with their pictures, some corrupted; and their classes."""
         draws = Draws(self.config.seed, step, phase)
+        # by seed and step: every image once in each epoch
         chosen = choose_images(self.config.seed, step, self.config.batch, len(pack.images))
         images, classes = pack.images[chosen], pack.classes[chosen]
         raw = torch.from_numpy(np.ascontiguousarray(images.transpose(0, 3, 1, 2))).to(self._device)
@@ -387,6 +393,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
 
         how = self.config.augmentation
         batch = augment_batch(raw, draws.of("augmentation"), self.config.image_px, how, overlay)
+        # corruptions last: they act on the finished image
         if self.config.corrupting is not None:
             batch = corrupt_some(batch, draws.of("corruption"), self.config.corrupting)
         return batch, classes
@@ -425,6 +432,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
                 batch, classes = self._show_held_out(classifier, part)
                 answers[part] = predict(batch, classifier, part=TEST_PART).argmax(1).numpy()
                 if attack is not None:
+                    # an attack follows the gradient of the same network that is tested
                     worst = find_worst_images(batch, partial(measure_losses, classifier, classes), attack)
                     attacked[part] = predict(worst, classifier, part=TEST_PART).argmax(1).numpy()
                 bar.advance(len(batch))
@@ -500,6 +508,7 @@ def summarise_answers(labels: list[str], truth: np.ndarray, answers: np.ndarray,
         label: ClassShare(n=int((truth == k).sum()), correct=int(right[truth == k].sum()))
         for k, label in enumerate(labels)
     }
+    # the commonest mistakes: true class and answer
     wrong = Counter(zip(truth[~right].tolist(), answers[~right].tolist(), strict=True))
     commonest = sorted(wrong.items(), key=lambda mistake: (-mistake[1], mistake[0]))[:MOST_CONFUSIONS]
     n, correct = len(truth), int(right.sum())

@@ -115,6 +115,7 @@ def open_source(data: str, workspace: Workspace, counts: RenderCounts, download:
     Raises:
         ToolkitError: a folder that is missing or has no classes, or an object that cannot be rendered.
     """
+    # the words `everyday` and `rig` win; a folder of that name is ./everyday
     if data == EVERYDAY:
         return _everyday(counts)
     if data == RIG:

@@ -92,6 +92,7 @@ def _compute_features(encoder: Classifier, pack: Pack, kept: Path, name: str) ->
     """(n, d) float32 of all images; blocks that lie in `kept` are read."""
     found = []
     with progress(f"Computing features ({name})", len(pack.images), quiet=not len(pack.images)) as bar:
+        # blocks are kept: an interrupted run computes what is missing
         for start in range(0, len(pack.images), BLOCK):
             file, images = kept / f"{name}-{start:07d}.safetensors", pack.images[start : start + BLOCK]
             if not file.is_file():

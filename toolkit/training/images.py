@@ -131,6 +131,7 @@ def find_classes(folder: Path, held_out_share: float, seed: int) -> FolderClasse
         ToolkitError: no such folder, no class in it, or a class without images.
     """
     folder = _check_folder(Path(folder), "'everyday', 'rig', cifar10:FOLDER, or a folder with one folder per class")
+    # the split that the folder has, or a split of its own
     root = folder / TRAIN_NAME if (folder / TRAIN_NAME).is_dir() else folder
     train, skipped = _list_classes(root)
     beside = next((folder / name for name in HELD_OUT_NAMES if (folder / name).is_dir()), None)
@@ -333,8 +334,10 @@ def open_images(data: str, classifier: Any, split: str = "test", download: bool 
     if data.startswith(CIFAR_PREFIX):
         return _open_cifar(data, classifier, split, download)
     folder = _check_folder(Path(data), "a folder with one folder per class, or cifar10:FOLDER")
+    # the folder of the split if it is there, else the whole folder
     root = next((folder / name for name in SPLITS[split] if (folder / name).is_dir()), folder)
     files, refused = _find_by_class(root)
+    # folders are matched with classes, by label or WordNet id
     index_of = match_classes(sorted({parts[0] for parts in files}), classifier, root)
     images = [LabelledImage("/".join(parts), index_of[parts[0]]) for parts in files]
     name = real_path(folder).name

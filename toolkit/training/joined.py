@@ -17,6 +17,7 @@ def choose_file(folder: Path, name: str, encoder: Classifier) -> Path:
     Raises:
         ToolkitError: another network has the name, or a file that describes one.
     """
+    # any other file of this name would be taken for the same network
     file = folder / f"{name}{file_suffix(encoder)}"
     own = {file.suffix, ".json"} if file.is_file() else {file.suffix}
     others = {*SUFFIXES, SUFFIX, ".onnx", ".pt2", *DESCRIPTIONS} - own

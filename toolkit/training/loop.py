@@ -214,8 +214,10 @@ def fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | No
         ToolkitError: the loss is not finite, the checkpoint cannot be used, the disk is full, the processes cannot
             share the task, or the task's own.
     """
+    # several processes: the first keeps the state, the others follow
     if current().count > 1:
         current().check(task.batch, next(iter(task.parameters().values())).device)
+    # the others start when the first has read and rendered
     if not current().is_first:
         fitted = _fit(task, config, None)
         follow()
@@ -229,6 +231,7 @@ def fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | No
 
 
 def _fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | None) -> Fitted[Made]:
+    # a restart forgets the checkpoint, and does not look for a finished run
     def find_finished() -> Made | None:
         if checkpoint is not None and checkpoint.restart:
             delete_file(checkpoint.file)
@@ -366,8 +369,10 @@ class _Fitting:
     @contextmanager
     def _climbed(self) -> Iterator[None]:
         """Within, the parameters lie `rho` up their gradient, the way by which the loss rises fastest."""
+        # the parameters come back afterwards, to the bit
         before = {name: value.detach().clone() for name, value in self._parameters.items()}
         found = {name: value.grad for name, value in self._parameters.items() if value.grad is not None}
+        # the length over all parameters together
         length = torch.stack([gradient.norm() for gradient in found.values()]).norm().clamp_min(TINY)
         try:
             with torch.no_grad():
@@ -382,6 +387,7 @@ class _Fitting:
     def _move(self, step: int) -> None:
         lr = self.config.lr_at(step)
         with torch.no_grad():
+            # the task's own changes first, such as cutting gradients
             self.task.adjust_gradients(step)
             if self._optimiser is None:
                 for parameter in self._parameters.values():
@@ -391,6 +397,7 @@ class _Fitting:
                 for group in self._optimiser.param_groups:
                     group["lr"] = lr
                 self._optimiser.step()
+            # the task's bounds, such as colours between 0 and 1
             self.task.constrain()
             self.task.watch(step)
 

@@ -67,6 +67,7 @@ def _packages() -> Check:
         wanted = requires("toolkit-boost") or []
     except PackageNotFoundError:
         return Check("packages", "missing", "toolkit-boost is not installed", "pip install -e .")
+    # every requirement of the installed package that applies to this Python
     missing = []
     for requirement in map(Requirement, wanted):
         if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
@@ -92,6 +93,7 @@ def _open3d() -> Check:
 
 def _renderer() -> Check:
     """Whether the renderer's machine code is kept, and where."""
+    # the cache of compiled code, and why it may not be used
     try:
         from toolkit.rig.kernel.compiled import cache_folder, find_refusal, is_compiled
     except ImportError as error:
@@ -131,6 +133,7 @@ def _disk(folder: Path) -> Check:
 def _weights() -> Check:
     from toolkit.models.weights import FOLDER_VARIABLE, find_local, list_in_folder
 
+    # a single file needs no look at its name
     there = list_in_folder("resnet18")
     try:
         # what is published under which name only torchvision knows, which takes seconds to load

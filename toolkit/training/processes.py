@@ -137,6 +137,7 @@ class Processes:
         """
         if not batch:
             raise ToolkitError("this training cannot be shared by processes: start it without torchrun")
+        # the batch must be divisible by the number of processes
         self.part(batch)
         if device.type == "cuda":
             here, devices = int(os.environ["LOCAL_WORLD_SIZE"]), torch.cuda.device_count()

@@ -225,12 +225,15 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
 
     def finish(self, history: History) -> list[ClassifierRecord]:
         """Test what is written, in half precision, and write each network and its record; of several the set last."""
+        # an average of the last steps takes the place of the last step
         with torch.no_grad():
             for name, value in self.parameters().items():
                 if name in self._mean:
                     value.copy_(self._mean[name])
+        # networks along the path were kept when they were reached
         contents = [self._read_kept(step) for step in self.config.kept_steps[:-1]] + [_pack(self.student)]
         names, (n, attacked) = self.config.names, self._count_tested()
+        # the teacher is tested in the same way, for the comparison
         with progress("Testing on held-out photographs", (n + attacked) * (len(names) + 1)) as bar:
             before = self._test(self.inputs.teacher, bar.advance, None)
             records = []
@@ -285,6 +288,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
                 worst = find_worst_images(some, partial(measure_losses, network, classes), self.test_attack)
                 moved[start : start + len(some)] = predict(worst, network, part=TEST_PART).argmax(1).numpy()
                 advance(len(some))
+        # agreement with the teacher's answers, whatever is correct
         taught = clean if taught is None else taught
         return Tested(clean, _count(clean, pack.classes, taught), _count(moved, pack.classes[:most], taught[:most]))
 
@@ -380,6 +384,7 @@ def refine_network(
     Raises:
         ToolkitError: the network cannot be trained, or the data or a checkpoint cannot be used, or the disk is full.
     """
+    # only a network that can be built again can be refined
     if teacher.untrainable or is_program(teacher.arch):
         why = teacher.untrainable or "it is a program, and no weights of a network that can be built"
         raise FieldError(

@@ -100,6 +100,7 @@ def render_shards(units: Sequence[RenderUnit], folder: Path, workers: int, advan
                 running[pool.submit(_write_shard, unit, folder)] = unit
             if not running:
                 return
+            # finished in any order: each file has its own name
             for done in wait(running, return_when=FIRST_COMPLETED).done:
                 done.result()
                 advance(running.pop(done).views)

@@ -49,6 +49,7 @@ def make_zero_shot(
             cannot be exported.
     """
     file = choose_file(folder, name, image)
+    # the scale makes probabilities sharp or flat, and leaves the order as it is
     chosen = scale or text.scale
     if chosen is None:
         chosen = CLIP_SCALE
@@ -63,6 +64,7 @@ def make_zero_shot(
     with hold_folder(folder, f".{name}.lock"):
         if not restart and (record := find_finished(file, inputs)) is not None:
             return TrainedClassifier(file=file, record=record, was_finished=True)
+        # embeddings are kept beside the classifiers: another set of classes shares prompts
         embeddings = embed_classes(prompts, text, folder / KEPT)
         if embeddings.shape[1] != len(image.labels):
             raise FieldError(
@@ -72,6 +74,7 @@ def make_zero_shot(
             )
         # a linear layer on normalised features is the scaled cosine
         head = Head(chosen * embeddings, torch.full((len(prompts),), text.bias), normalise=True)
+        # no images are held out: nothing was learnt from images
         labels, nothing = list(prompts), np.zeros(0, np.int64)
         record = write_classifier(
             file, join_head(image, head), image.preprocessing, arch=file.name, labels=labels,
@@ -99,6 +102,7 @@ def embed_classes(prompts: Mapping[str, Sequence[str]], text: TextTower, kept: P
         for label, texts in prompts.items():
             file = kept / f"{sha256_json([VERSION, text.sha256, list(texts)])}.safetensors"
             if not file.is_file():
+                # each prompt counts alike, whatever the length of its embedding
                 each = torch.from_numpy(text.embed(texts)).double()
                 mean = (each / each.norm(dim=1, keepdim=True)).mean(0)
                 if not torch.isfinite(mean).all() or not mean.norm():

@@ -201,10 +201,12 @@ def compress(
     # chroma is halved before it is cut into blocks of 8: both sides have to be multiples of 16
     full = F.pad(pixels, (0, -w % 16, 0, -h % 16), mode="replicate")
     ycc_from_rgb = np.array(YCC_FROM_RGB)
+    # in values of 0 to 255, as JPEG's tables are
     to_ycc, from_ycc = (
         torch.as_tensor(matrix, dtype=pixels.dtype, device=pixels.device)
         for matrix in (ycc_from_rgb * 255, np.linalg.inv(ycc_from_rgb) / 255)
     )
+    # luma at full size, chroma at half
     ycc = (to_ycc @ full.flatten(2)).view(full.shape)
     luma = _code_blocks(ycc[:, :1], quantise_tables(LUMA, quality), MIDDLE, rounding)
     chroma = _code_blocks(F.avg_pool2d(ycc[:, 1:], 2), quantise_tables(CHROMA, quality), 0, rounding)
@@ -240,7 +242,9 @@ def _code_blocks(planes: "torch.Tensor", steps: "np.ndarray", middle: float, rou
     b, c, h, w = planes.shape
     # dividing and multiplying by the steps of the table is part of the matrices
     forward, back = _cosines().T[None] / steps[:, None, :], _cosines()[None] * steps[:, :, None]
+    # JPEG centres luma about 0 before the transform
     shift = np.full((b, 1, 64), -middle) @ forward
+    # blocks of 8 × 8 as rows of 64
     blocks = planes.reshape(b, c, h // 8, 8, w // 8, 8).transpose(3, 4).reshape(b, -1, 64)
     coefficients = rounding(torch.baddbmm(place(shift), blocks, place(forward)))
     decoded = torch.baddbmm(place(np.full((b, 1, 64), middle)), coefficients, place(back))

@@ -262,10 +262,12 @@ class TapeGlare(PaperTransform):
         strip_angle, strip_place = rng.uniform(0, np.pi, count), rng.uniform(-0.5, 0.5, count)
         strip_width = rng.uniform(*self.strip_width, count)
         strip_colour = rng.uniform(0.1, 0.85, (count, 1)) * rng.uniform(0.93, 1.07, (count, 3))
+        # a shine fades along and across like a bell, about a random place
         if shines.any():
             x, y, _ = _measure(mask, angle, centre)
             shine = (-((x / as_factors(length, x)) ** 2 + (y / as_factors(width, y)) ** 2) / 2).exp()
             paper = _cover(paper, mask, shine * as_factors(strength * shines, x), colour)
+        # a strip of tape with straight edges
         if hides.any():
             _, y, pixel = _measure(mask, strip_angle, np.stack([np.zeros(count), strip_place], axis=1))
             inside = ((as_factors(strip_width / 2, y) - y.abs()) / pixel + 0.5).clamp(0, 1)  # a pixel of soft edge

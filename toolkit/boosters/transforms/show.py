@@ -50,6 +50,7 @@ def paste_windows(images: "torch.Tensor", windows: "torch.Tensor", corners: "np.
     class Paste(torch.autograd.Function):
         @staticmethod
         def forward(ctx: Any, below: torch.Tensor, above: torch.Tensor) -> torch.Tensor:
+            # a copy: the images below are used again
             pasted = below.clone()
             for image, window, (x, y) in zip(pasted, above, corners, strict=True):
                 image[:, y : y + window.shape[-2], x : x + window.shape[-1]] = window
@@ -132,12 +133,16 @@ def warp_patch(
         The patch times its mask, (b, 3, m, m), and the mask, (b, 1, m, m): the share of each pixel that it covers.
     """
     plan = plan_warp(T_image_patch, patch.shape[-1], scales)
+    # patch and mask go through the same filter, so that they fit at the rim
     opaque = torch.ones_like(patch[..., :1, :, :])
     texels = torch.cat([patch, opaque] if mask is None else [patch * mask, opaque * mask], dim=-3)
+    # texels are enlarged before they are filtered, if the picture shows them large
     if plan.repeat > 1:
         texels = texels.repeat_interleave(plan.repeat, -1).repeat_interleave(plan.repeat, -2)
+    # room around the patch, for the filter and for a size that the transform likes
     end = plan.side - plan.start - texels.shape[-1]
     padded = F.pad(texels, (plan.start, end, plan.start, end))
+    # the filter in frequency space, of the size that each image needs
     window = torch.as_tensor(_filter_windows(plan), dtype=patch.dtype, device=patch.device)
     spectrum = torch.fft.rfft2(padded) * window[:, None]
     filtered = torch.fft.irfft2(spectrum, s=(plan.side, plan.side))
@@ -237,8 +242,10 @@ def place_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appea
     T_image_patch = appearance.placement.place(
         draws.of(type(appearance.placement).__name__), len(images), patch.shape[-1], images.shape[-1]
     )
+    # only a window around each patch is drawn: most of an image stays as it is
     corners, side = find_windows(T_image_patch, patch.shape[-1], images.shape[-1])
     paper, mask = warp_patch(patch, move_origin(T_image_patch, corners), side)
+    # light falls on the paper, not on what lies around it
     for transform in appearance.on_paper:
         paper = transform.light(paper, mask, transform.rng(draws))
     around = cut_windows(images, corners, side)

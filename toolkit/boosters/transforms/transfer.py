@@ -87,6 +87,7 @@ def _shuffle(
     turning = torchvision.transforms.functional
 
     along, across = 1 + int(axis), 2 - int(axis)
+    # strips first, then the blocks of each, all of random sizes
     strips = photo.split(divide(photo.shape[along], sizes[0]), along)
     joined = []
     for k in orders[0]:
@@ -138,7 +139,9 @@ class FeatureMixup(Transform):
             draws: of the step.
             of: distinguishes the networks of a step.
         """
+        # feature maps that are larger than a quarter of the image are left alone
         layers, largest_px = find_layers(module), image_px // LARGEST_MAP
+        # layers are drawn anew in each step
         acting = self.draw_acting(self.rng(draws, f"{of} layers"), len(layers))
         clean: dict[torch.nn.Module, list[torch.Tensor]] = {layers[k]: [] for k in acting.nonzero()[0]}
         is_clean = True

@@ -174,6 +174,7 @@ def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Se
     given = corruption.parameters[choose_parameters(*images.shape[-2:])][severity - 1]
     if name in DIFFERENTIABLE:
         return corruption.apply(images, given, RandomStreams(seeds, name, severity, images.device)).clamp(0, 1)
+    # a corruption without a known gradient must not be trained with silently
     if name not in STRAIGHT_THROUGH:
         raise ToolkitError(
             f"corruption {name} has no gradient to train with: expected it in DIFFERENTIABLE or STRAIGHT_THROUGH of "

@@ -17,6 +17,7 @@ def read_accessor(document: Document, index: Any) -> np.ndarray:
     dtype, width = COMPONENT_TYPES.get(accessor.get("componentType", 0)), COMPONENTS.get(accessor.get("type", ""))
     if dtype is None or width is None or not isinstance(count, int) or count < 0:
         raise DamagedGltf(f"accessor {index} is of an unknown type")
+    # an accessor without a view is all zeros, and its sparse part fills them in
     if "bufferView" in accessor:
         values = _cut(document, accessor, (count, width), dtype, f"accessor {index}")
     else:
@@ -48,6 +49,7 @@ def _cut(document: Document, place: dict[str, Any], shape: tuple[int, int], dtyp
     length = (count - 1) * stride + row_bytes if count else 0
     if start + length > len(data) or stride < row_bytes:
         raise DamagedGltf(f"{name} reaches outside of its buffer view of {len(data)} bytes")
+    # packed tightly, or interleaved with other attributes
     if stride == row_bytes:
         return np.frombuffer(data[start : start + length], dtype).reshape(shape)
     rows = np.lib.stride_tricks.as_strided(data[start : start + length], (count, row_bytes), (stride, 1))
@@ -55,6 +57,7 @@ def _cut(document: Document, place: dict[str, Any], shape: tuple[int, int], dtyp
 
 
 def _replace(document: Document, values: np.ndarray, sparse: dict[str, Any], name: str) -> np.ndarray:
+    # a sparse accessor states indices, and the values of these rows
     count = sparse.get("count", 0)
     where, what = sparse.get("indices"), sparse.get("values")
     if not isinstance(count, int) or not isinstance(where, dict) or not isinstance(what, dict) or count < 0:
@@ -65,6 +68,7 @@ def _replace(document: Document, values: np.ndarray, sparse: dict[str, Any], nam
     rows = _cut(document, where, (count, 1), kind, name)[:, 0]
     if count and rows.max() >= len(values):
         raise DamagedGltf(f"{name} is sparse beyond its {len(values)} rows")
+    # the view may be another accessor's too
     values = values.copy()
     values[rows] = _cut(document, what, (count, values.shape[1]), values.dtype.str, name)
     return values

@@ -20,6 +20,7 @@ def decode_draco(document: Document, draco: dict[str, Any]) -> tuple[dict[str, n
     content = document.view(draco.get("bufferView")).tobytes()
     with foreign_code(lambda error: DamagedGltf(f"{DRACO}: the compressed mesh is damaged ({type(error).__name__})")):
         mesh = library.decode(content)
+        # Draco numbers its attributes, and the extension says which is which
         found = {attribute["unique_id"]: np.asarray(attribute["data"]) for attribute in mesh.attributes}
         attributes = {name: found[number] for name, number in draco["attributes"].items()}
         faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
@@ -30,6 +31,7 @@ def decode_ktx(document: Document, content: bytes, name: str) -> bytes:
     """A KTX2 picture of Basis Universal as PNG."""
     way_out = "save its textures as PNG (npx @gltf-transform/cli ktxdecompress)"
     library = import_package("alktx2", "gltf", f"{document.path}: {BASISU}", way_out)
+    # width and height in KTX2's header, read before anything is unpacked
     width, height = (int.from_bytes(content[at : at + 4], "little") for at in (20, 24))
     if not content.startswith(KTX_START) or not 0 < width * height <= MAX_MEGAPIXELS * 1e6:
         raise ToolkitError(f"{document.path}: {name} is no {BASISU} picture, or far too large: save it as PNG")

@@ -56,6 +56,7 @@ class Document:
         """(n,) uint8 bytes of a buffer view, decompressed."""
         view = self.row("bufferViews", index)
         if index not in self._views:
+            # compressed in either spelling of the extension
             name, packed = next(((name, found) for name in MESHOPT if (found := extension(view, name))), ("", None))
             if packed is None:
                 self._views[index] = self._cut(view, index)
@@ -76,6 +77,7 @@ class Document:
     def _buffer(self, index: Any) -> np.ndarray:
         buffer = self.row("buffers", index)
         if index not in self._buffers:
+            # a GLB's first buffer is its own binary chunk
             uri = buffer.get("uri")
             if uri is None and index == 0:
                 self._buffers[index] = self.binary
@@ -89,6 +91,7 @@ class Document:
         """Return the content of a URI or its file; a `ToolkitError` for a missing file or one outside the folder."""
         if not isinstance(uri, str):
             raise DamagedGltf("a URI is no text")
+        # content within the URI, or a file beside the glTF
         if uri.startswith("data:"):
             head, _, body = uri.partition(",")
             try:
@@ -138,6 +141,7 @@ def read_document(path: Path) -> Document:
     """
     try:
         with open_plain(path) as file:
+            # its bytes tell a GLB, whatever its name ends in
             head = file.read(4)
             is_binary = head == MAGIC
             content = head + (file.read() if is_binary else file.read(MOST_TEXT_BYTES))
@@ -145,6 +149,7 @@ def read_document(path: Path) -> Document:
         raise explain_read_error(path, error) from None
     if is_binary and content[4:8] == GLB_1:
         _refuse_version(path, "1.0")
+    # a GLB has its JSON in the first chunk
     text, binary = _split(content) if is_binary else (content, b"")
     if len(text) > MOST_TEXT_BYTES:
         raise ToolkitError(f"{path}: over {MOST_TEXT_BYTES >> 20} MB of text: export it as .glb")
@@ -154,6 +159,7 @@ def read_document(path: Path) -> Document:
         refuse(path)
     if not isinstance(tree, dict):
         refuse(path)
+    # without a version it is read as 2.0
     asset = tree.get("asset")
     version = str(asset.get("version", "2.0")) if isinstance(asset, dict) else "2.0"
     if not version.startswith("2"):

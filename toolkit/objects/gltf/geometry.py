@@ -42,6 +42,7 @@ def read_primitive(document: Document, placed: PlacedMesh, primitive: dict[str, 
     Raises:
         DamagedGltf: accessors of different lengths, or indices that do not make triangles.
     """
+    # points and lines have no surface
     mode = primitive.get("mode", TRIANGLES)
     named = primitive.get("attributes")
     if mode not in (TRIANGLES, STRIP, FAN) or not isinstance(named, dict) or "POSITION" not in named:
@@ -62,6 +63,7 @@ def read_primitive(document: Document, placed: PlacedMesh, primitive: dict[str, 
     colours, alpha = _read_colours(attributes)
     return Primitive(
         vertices,
+        # a mirror turns triangles inside out, so that they are turned back
         faces[:, ::-1] if is_mirrored else faces,
         {int(name[9:]): uv[:, :2] for name, uv in attributes.items() if name[:9] == "TEXCOORD_" and name[9:].isdigit()},
         colours,
@@ -90,6 +92,7 @@ def _read_attributes(
     document: Document, primitive: dict[str, Any], named: dict[str, Any]
 ) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
     """Return (n, k) values by name, and the (i,) indices, if there are any."""
+    # compressed geometry stands in the extension; accessors only describe it
     draco = extension(primitive, DRACO)
     if draco is not None:
         decoded, faces = decode_draco(document, draco)
@@ -138,6 +141,7 @@ def _place(position: np.ndarray, placed: PlacedMesh, attributes: dict[str, np.nd
 
     if placed.T_scene_joints is not None and "JOINTS_0" in attributes:
         return _bend(position, placed.T_scene_joints, attributes), False
+    # a mesh in its place already stays bit for bit as it is
     T_scene_mesh = placed.T_scene_mesh
     if np.allclose(T_scene_mesh, np.eye(4), rtol=0, atol=1e-8):
         return position, False
@@ -146,14 +150,17 @@ def _place(position: np.ndarray, placed: PlacedMesh, attributes: dict[str, np.nd
 
 def _bend(position: np.ndarray, T_scene_joints: np.ndarray, attributes: dict[str, np.ndarray]) -> np.ndarray:
     """Linear blend skinning in the pose that the nodes state."""
+    # a vertex may hang on more than four joints, in several sets
     sets = sorted(name[7:] for name in attributes if name.startswith("JOINTS_"))
     joints = np.concatenate([attributes[f"JOINTS_{k}"] for k in sets], axis=1).astype(np.int64)
     weights = np.concatenate([normalise(attributes[f"WEIGHTS_{k}"]) for k in sets], axis=1).astype(np.float64)
     if joints.shape != weights.shape or joints.max(initial=0) >= len(T_scene_joints):
         raise DamagedGltf("a vertex hangs on a joint that its skin does not have")
+    # weights need not add up to 1 in the file
     total = weights.sum(axis=1, keepdims=True)
     weights = np.where(total > 0, weights / np.where(total > 0, total, 1), 0)
     bent = np.zeros_like(position)
+    # each joint moves the vertex, and the weights mix the results
     for k in range(joints.shape[1]):
         T = T_scene_joints[joints[:, k]]
         bent += weights[:, k, None] * (np.einsum("nij,nj->ni", T[:, :3, :3], position) + T[:, :3, 3])

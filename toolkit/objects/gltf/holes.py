@@ -41,6 +41,7 @@ def cut_holes(
     # whole turns of a repeating picture are taken off, so that a face begins in its first copy
     texels = corner_uv.astype(np.float64) * alpha.shape[::-1] - 0.5
     texels -= np.floor(texels.min(axis=1, keepdims=True) / alpha.shape[::-1]) * alpha.shape[::-1]
+    # corners as weights of the triangle's own corners, so that all attributes can be cut alike
     owner, weights = np.arange(len(texels)), np.tile(np.eye(3), (len(texels), 1, 1))
     kept: list[tuple[np.ndarray, np.ndarray]] = []
     done = 0
@@ -79,6 +80,7 @@ def _share_solid(corners: np.ndarray, counts: np.ndarray) -> np.ndarray:
 def _blend(alpha: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Alpha at texel coordinates (..., 2), blended between texels."""
     base = np.floor(places).astype(np.int64)
+    # the texture repeats at its borders
     (fx, fy), (x, y) = np.moveaxis(places - base, -1, 0), np.moveaxis(base, -1, 0)
     height, width = alpha.shape
     x0, x1, y0, y1 = x % width, (x + 1) % width, y % height, (y + 1) % height
@@ -102,9 +104,11 @@ def _cut(owner: np.ndarray, weights: np.ndarray, excess: np.ndarray) -> tuple[np
     for first in range(3):  # turned so that the corner unlike the others comes first
         turn = [first, (first + 1) % 3, (first + 2) % 3]
         for alone in (True, False):
+            # cases: a lone solid corner leaves a triangle, a lone clear corner leaves a quadrilateral
             chosen = (solid[:, turn] == [alone, not alone, not alone]).all(axis=1)
             a, b, c = np.moveaxis(weights[chosen][:, turn], 1, 0)
             at_a, at_b, at_c = excess[chosen][:, turn].T[:, :, None]
+            # where the value is 0 on both edges from that corner, linear between their ends
             ab, ac = a + (b - a) * (at_a / (at_a - at_b)), a + (c - a) * (at_a / (at_a - at_c))
             pieces = ((a, ab, ac),) if alone else ((ab, b, c), (ab, c, ac))
             for piece in pieces:

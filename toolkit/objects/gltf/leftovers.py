@@ -66,6 +66,7 @@ def list_leftovers(document: Document) -> list[str]:
 
 def _find(document: Document) -> Iterator[str]:
     tree = document.tree
+    # those that the file states, and those that it uses in spite of that
     met = set(_texts(tree.get("extensionsUsed"))) | _extensions_met(tree)
     yield from (_left_out(name) for name in sorted(met - READ))
     yield from (_left_out(name) for name in sorted(set(tree) - STATED))
@@ -85,6 +86,7 @@ def _find_in_material(material: dict[str, Any]) -> Iterator[str]:
     emission = material.get("emissiveFactor")
     if isinstance(emission, list) and any(emission) and "emissiveTexture" not in material:
         yield _left_out("emissiveFactor")
+    # half transparent surfaces are more than the rig can draw
     mode = material.get("alphaMode", "OPAQUE")
     if mode not in ("OPAQUE", "MASK"):
         yield f"alphaMode {mode} of '{name}' is left out: it is drawn opaque"
@@ -97,6 +99,7 @@ def _find_in_material(material: dict[str, Any]) -> Iterator[str]:
         for key in known:
             if isinstance(slots.get(key), dict):
                 yield from (_left_out(f"{key}.{other}") for other in sorted(set(slots[key]) - set(SLOT)))
+    # gloss pictures count as their mean, as the rig has a roughness for each material
     look = read_look(material)
     if look.gloss is not None:
         what = "specularGlossinessTexture" if look.is_specular else "metallicRoughnessTexture"
@@ -116,6 +119,7 @@ def _find_in_primitive(primitive: dict[str, Any]) -> Iterator[str]:
         return
     named = primitive.get("attributes")
     named = named if isinstance(named, dict) else {}
+    # normals and tangents are computed again from the faces
     yield from (_left_out(name) for name in sorted(named) if not is_read(name) and name not in ("NORMAL", "TANGENT"))
     for target in rows(primitive, "targets"):
         changed = [name for name in sorted(target) if name not in ("NORMAL", "TANGENT")]
@@ -135,6 +139,7 @@ def _texts(found: Any) -> list[str]:
 def _extensions_met(tree: dict[str, Any]) -> set[str]:
     """Find the names of extensions anywhere in the JSON."""
     met: set[str] = set()
+    # a stack in place of recursion, as a file may nest to any depth
     waiting: list[Any] = [tree]
     while waiting:
         node = waiting.pop()

@@ -58,6 +58,7 @@ class Look:
 
 def read_look(material: dict[str, Any]) -> Look:
     """Read an entry of `materials`."""
+    # an older extension states gloss and specular colour in place of roughness and metalness
     specular = extension(material, SPECULAR)
     if specular is None:
         pbr = material.get("pbrMetallicRoughness", {})
@@ -98,6 +99,7 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
         ToolkitError: a picture cannot be read.
     """
     vertices, faces = primitive.vertices, primitive.faces
+    # colours of corners, not of vertices: faces are cut and painted singly
     colours = None if primitive.colours is None else primitive.colours[faces]
     if primitive.material is None:
         if colours is None:
@@ -105,6 +107,7 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
         return MeshPart(vertices, faces, _paint_corners(colours, vertices, faces, (ROUGHNESS, METALLIC)))
     look = read_look(document.row("materials", primitive.material))
     gloss = _measure_gloss(pictures, look, primitive)
+    # the slot's own set of coordinates, moved by its transform; words say why there is none
     uv = "" if look.picture is None else texture_coordinates(look.picture, primitive.uv)
     factor = np.ones(4) if look.colour is None else look.colour
     corner_alpha = np.ones(faces.shape) if primitive.alpha is None else primitive.alpha[faces].astype(np.float64)
@@ -150,6 +153,7 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
 
 def _paint_corners(colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray, gloss: tuple[float, float]) -> Paint:
     """Return texture coordinates and material of colours (m, 3, 3) of the corners, linear light."""
+    # a texel of 2 × 2 blends evenly only if its fourth corner is b + c - a, within the range of colours
     a, b, c = np.moveaxis(colours, 1, 0)
     fourth = b + c - a
     steep = (np.abs(fourth - fourth.clip(0, 1)) > STEEP).any(axis=1)
@@ -182,6 +186,7 @@ def _bake(
     picture: GltfPicture, corner_uv: np.ndarray, colours: np.ndarray | None, factor: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Multiply a picture, the colours of the corners and the factor into a new picture, face by face."""
+    # a face is baked as finely as its longest edge has texels
     edges = np.abs(corner_uv - np.roll(corner_uv, 1, axis=1)) * picture.size
 
     def colour_at(face: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -205,6 +210,7 @@ def _measure_gloss(pictures: Pictures, look: Look, primitive: Primitive) -> tupl
     else:
         area = np.linalg.norm(cross_products(primitive.vertices[primitive.faces]), axis=1) + 1e-30
         # four places on each face stand for it
+        # the middle, and places halfway from it to the corners
         places = (uv[primitive.faces] @ np.eye(2)).transpose(1, 0, 2)
         middle = places.mean(axis=0)
         total = np.zeros(texels.shape[2])

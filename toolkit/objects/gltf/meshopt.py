@@ -25,6 +25,7 @@ def decode_view(content: bytes, packed: dict[str, Any]) -> np.ndarray:
         ValueError, IndexError, KeyError: the data or its description is damaged.
     """
     count, stride, mode = packed["count"], packed["byteStride"], packed["mode"]
+    # checked before arrays are made: a damaged file may state any size
     if not isinstance(count, int) or not isinstance(stride, int) or not 0 <= count * stride <= MOST_BYTES:
         raise ValueError("absurd counts")
     if mode == "ATTRIBUTES":
@@ -32,6 +33,7 @@ def decode_view(content: bytes, packed: dict[str, Any]) -> np.ndarray:
             raise ValueError(f"stride {stride}")
         rows = _apply_filter(_decode_vertices(content, count, stride), packed.get("filter", "NONE"))
         return rows.reshape(-1)
+    # indices of two or four bytes
     if stride not in (2, 4):
         raise ValueError(f"stride {stride}")
     if mode not in ("TRIANGLES", "INDICES"):
@@ -96,6 +98,7 @@ def _decode_bytes(content: bytes, at: int, count: int, widths: tuple[int, ...]) 
         if bits == 8:
             out[start : start + GROUP] = whole
             continue
+        # smaller deltas are packed, two, four or eight to a byte
         values = _unpack(whole, bits)
         most = (1 << bits) - 1
         for k, value in enumerate(values):
@@ -116,6 +119,7 @@ def _unpack(whole: bytes, bits: int) -> list[int]:
 
 def _sum_deltas(block: np.ndarray, last: np.ndarray, channel: int) -> None:
     """Turn deltas (n, 4) of four bytes into values, in place."""
+    # the channel's lowest bits: bytes, words of 16 bits, or 32 bits by exclusive or
     kind = channel & 3
     if kind == 2:  # 32 bits, combined by exclusive or
         turn = np.uint32(32 - (channel >> 4) & 31)
@@ -151,9 +155,11 @@ def _decode_sequence(content: bytes, count: int) -> list[int]:
     if content[0] & 0xF0 != 0xD0 or content[0] & 15 > 1:
         raise ValueError("no indices")
     at, last, out = 1, [0, 0], []
+    # two runs of numbers, told apart by the lowest bit
     for _ in range(count):
         value, at = _read_vbyte(content, at)
         which, value = value & 1, value >> 1
+        # zigzag: the lowest bit is the sign
         last[which] = last[which] + (value >> 1 ^ -(value & 1)) & 0xFFFFFFFF
         out.append(last[which])
     return out
@@ -171,6 +177,7 @@ class _Triangles:
 
     def add_on_edge(self, code: int, most: int) -> None:
         """Add a recent edge and a vertex; `most` is the first kind of vertex that is coded by its number."""
+        # the edge that the code names, counted back in a ring of 16
         a, b = self._edges[self._edge - 1 - (code >> 4) & 15]
         kind = code & 15
         # a recent vertex, the next new vertex, an index in full, or one near the last index
@@ -188,6 +195,7 @@ class _Triangles:
 
     def add_free(self, kinds: tuple[int, int, int], has_numbers: bool) -> None:
         """Add three vertices: new, recent, or with `has_numbers` coded by their number."""
+        # vertices whose index stands in full in the data
         is_told = [has_numbers and kind == 15 for kind in kinds]
         triangle = [
             self._take_next() if kind == 0 else 0 if told else self._vertices[self._vertex - kind & 15]

@@ -33,6 +33,7 @@ def place_meshes(document: Document) -> Iterator[PlacedMesh]:
         if "mesh" not in node:
             continue
         mesh = document.row("meshes", node["mesh"])
+        # a skin's joints place the mesh; its own node does not count
         if "skin" in node:
             yield PlacedMesh(node, mesh, T_scene_node, _place_joints(document, node["skin"], placed))
             continue
@@ -50,6 +51,7 @@ def _place_nodes(document: Document) -> dict[int, np.ndarray]:
         inner = {child for node in nodes for child in _children(node)}
         roots = [index for index in range(len(nodes)) if index not in inner]
     placed: dict[int, np.ndarray] = {}
+    # a stack, not recursion: files may nest nodes deeply
     waiting: list[tuple[int, np.ndarray]] = [(root, np.eye(4)) for root in roots]
     while waiting:
         index, T_scene_parent = waiting.pop()
@@ -75,6 +77,7 @@ def local_transform(node: dict[str, Any]) -> np.ndarray:
     """(4, 4) from a node to its parent."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T  # column by column
+    # translation · rotation · scale, as the specification orders them
     matrix = np.eye(4)
     if "translation" in node:
         matrix[:3, 3] = _numbers(node["translation"], 3)
@@ -103,6 +106,7 @@ def _instances(document: Document, node: dict[str, Any]) -> Iterator[np.ndarray 
         for attribute, name in names.items()
         if attribute in found["attributes"]
     }
+    # the shortest column decides, as instances need all of theirs
     for k in range(min((len(column) for column in columns.values()), default=0)):
         yield local_transform({name: column[k] for name, column in columns.items()})
 
@@ -115,4 +119,5 @@ def _place_joints(document: Document, index: Any, placed: dict[int, np.ndarray])
     inverse = read_accessor(document, skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
     if len(inverse) < len(T_scene_joints):
         raise DamagedGltf(f"skin {index} has fewer matrices than joints")
+    # joints move from their rest, which the inverse matrices undo
     return T_scene_joints @ inverse[: len(T_scene_joints)].astype(np.float64)

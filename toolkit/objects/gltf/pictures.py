@@ -65,10 +65,12 @@ class Pictures:
             ToolkitError: it is missing, empty or damaged; the message names it.
         """
         texture = self.document.row("textures", index)
+        # with alpha and without are decoded apart
         key = (index, with_alpha)
         if key not in self._decoded:
             picture = self._decode(texture, with_alpha)
             sampler = self.document.row("samplers", texture["sampler"]) if "sampler" in texture else {}
+            # a sampler without blending: texels are enlarged, as the rig blends between them
             if sampler.get("magFilter") == NEAREST and (times := SHARP_PX // int(picture.size.max())) > 1:
                 picture = picture.pick(lambda texels: texels.repeat(times, axis=0).repeat(times, axis=1))
             wraps = (sampler.get("wrapS", REPEAT), sampler.get("wrapT", REPEAT))
@@ -91,6 +93,7 @@ class Pictures:
                 f"{self.document.path}: a texture names no picture that toolkit reads"
                 f"{f' (it has {others})' if others else ''}: save its pictures as PNG or JPEG"
             )
+        # a later source is tried if an earlier does not decode
         for source in sources[:-1]:
             try:
                 return self._load(source, with_alpha)
@@ -101,6 +104,7 @@ class Pictures:
     def _load(self, index: Any, with_alpha: bool) -> GltfPicture:
         image = self.document.row("images", index)
         name = str(self.document.path)
+        # inside the file, or a file beside it
         if "bufferView" in image:
             content = self.document.view(image["bufferView"]).tobytes()
         else:
@@ -121,6 +125,7 @@ def picture_sources(texture: dict[str, Any]) -> list[Any]:
 
 def texture_coordinates(slot: dict[str, Any], sets: dict[int, np.ndarray]) -> np.ndarray | str:
     """(n, 2) texture coordinates of a material's slot, v down; else why there are none."""
+    # the transform may name another set of coordinates
     moved = extension(slot, TRANSFORM) or {}
     wanted = moved.get("texCoord", slot.get("texCoord", 0))
     uv = sets.get(wanted)
@@ -131,6 +136,7 @@ def texture_coordinates(slot: dict[str, Any], sets: dict[int, np.ndarray]) -> np
     uv = uv if uv.dtype.kind == "f" else uv.astype(np.float64)  # integers that a transform scales
     if not {"offset", "rotation", "scale"} & set(moved):
         return uv
+    # scale, then turn, then shift, in glTF's direction of v
     cosine, sine = np.cos(moved.get("rotation", 0.0)), np.sin(moved.get("rotation", 0.0))
     scaled = uv.astype(np.float64) * np.array(moved.get("scale", (1, 1)), float)
     turned = scaled @ np.array([[cosine, sine], [-sine, cosine]]).T
@@ -152,6 +158,7 @@ def lay_out(picture: GltfPicture, uv: np.ndarray) -> tuple[GltfPicture, np.ndarr
         first, behind = (0, 2 * size) if wrap == MIRROR else (int(np.floor(low - 0.5)), int(np.ceil(high + 0.5)) + 1)
         if not size or behind - first > min((MOST_TILES + 1) * size + 4, MAX_TEXTURE_PX):
             return None
+        # how the sampler counts beyond the picture
         index = wrap_index(np.arange(first, behind), size, wrap)
         picture = picture.pick(partial(np.take, indices=index, axis=1 - axis))
         uv[..., axis] = (uv[..., axis] * size - first) / (behind - first)
@@ -171,6 +178,7 @@ def wrap_index(index: np.ndarray, size: int, wrap: int) -> np.ndarray:
 def look_up(picture: GltfPicture, uv: np.ndarray) -> np.ndarray:
     """(n, 3) linear light at (n, 2), v down, blended between texels."""
     width, height = picture.size
+    # texel centres are at halves
     x, y = (uv * [width, height] - 0.5).T
     left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     found = np.zeros((len(uv), 3), np.float32)

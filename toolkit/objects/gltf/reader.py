@@ -78,6 +78,7 @@ def _check_bytes(document: Document) -> None:
     viewed = sum(_count(view.get("byteLength")) for view in views)
     for packed in (extension(view, name) or {} for view in views for name in MESHOPT):
         viewed += _count(packed.get("count")) * _count(packed.get("byteStride"))
+    # accessors of Draco meshes have no view, but are no zeros either
     compressed: set[int] = set()
     for primitive in (primitive for mesh in document.rows("meshes") for primitive in rows(mesh, "primitives")):
         if extension(primitive, DRACO) is not None:
@@ -100,6 +101,7 @@ def _check_nodes(document: Document) -> None:
     parts, faces = [], []
     for mesh in meshes:
         drawn = rows(mesh, "primitives")
+        # without indices, vertices themselves in threes
         shapes = [_at(accessors, drawing.get("indices", _named(drawing).get("POSITION"))) for drawing in drawn]
         parts.append(len(drawn))
         faces.append(sum(_count(shape.get("count")) for shape in shapes) // 3)
@@ -114,6 +116,7 @@ def _read_parts(document: Document) -> list[MeshPart]:
     count = face_count = 0
     for placed in place_meshes(document):
         for primitive in rows(placed.mesh, "primitives"):
+            # counted while they are read: a small file may place a mesh many times
             count += 1
             check_parts(document.path, count)
             found = read_primitive(document, placed, primitive)

@@ -127,18 +127,22 @@ def find_patch_booster(
     Raises:
         ToolkitError: the patch is missing or broken.
     """
+    # sizes are those of the object's own patch, so that every control covers what the patch covers
     own = find_patch(workspace, item)
     sizes_mm = item.spec.sizes_mm(own.size_mm)
+    # noise or grey has no class: as many texels, the same margin and the same places
     if variant in ("random-patch", "grey-patch"):
         pixels = draw_control(variant, item, own.record.n_px)
         return PatchBooster(pixels, sha256_bytes(encode_png(pixels)), variant, sizes_mm, margin=own.record.margin)
     if variant == "camouflage":
+        # what the sheets hide is drawn with the sheets in place, but without their picture
         bare = PatchBooster(own.pixels, "", variant, sizes_mm, margin=own.record.margin)
         hidden = tuple(draw_hidden(item.mesh, sheet, own.record.n_px) for sheet in bare.sheets(item))
         sha256 = sha256_bytes(b"".join(map(encode_png, hidden)))
         return Camouflage(hidden[0], sha256, variant, sizes_mm, margin=own.record.margin, prints=hidden)
     shown = next_patch(workspace, own) if variant == "wrong-patch" else own
     alone = variant == "patch-alone"
+    # a patch alone lies on the table, and a single sheet of it is enough
     return PatchBooster(
         shown.pixels, shown.record.png_sha256, shown.record.name, sizes_mm[:1] if alone else sizes_mm, alone,
         margin=shown.record.margin,

@@ -37,6 +37,7 @@ def parse_tag(variant: str) -> Tag | None:
     """
     if not variant.startswith(("tag:", "tag-")):
         return None
+    # the folder's name has dashes, since colons are no good in paths
     found = TYPED.fullmatch(variant)
     if found is None:
         raise ToolkitError(f"variant '{variant}': expected tag:FAMILY:NUMBER, such as tag:36h11:0")

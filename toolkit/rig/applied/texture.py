@@ -111,6 +111,7 @@ def find_texture(workspace: Workspace, item: TableObject) -> Texture:
     Raises:
         ToolkitError: there is none, its files do not match, or the object's mesh is another than it was trained on.
     """
+    # by name, so that every run takes the same of several
     textures = dict(sorted(workspace.textures().items()))
     for name, record in read_usable(_read_texture_record, textures, item.name):
         # a texture without a record is refused by `read_texture`, and only where it is the object's by its name

@@ -47,6 +47,7 @@ def cache_folder() -> Path | None:
     """
     global _refused
     try:
+        # the folder must be there before its owner and rights can be looked at
         folder = _make_folder()
         _refused = explain_distrust(folder)
         if _refused:
@@ -129,12 +130,15 @@ def compile_share(compile_some: Callable[[], None]) -> None:
 
 
 def _prepare(compile_all: Callable[[], None]) -> None:
+    # nothing is compiled ahead where it cannot be kept
     folder = cache_folder()
     if folder is None:
         notice(
             "compiling the renderer, which takes some seconds at every start, because no cache folder can be written to"
         )
     elif not is_compiled():
+        # there are three reasons to compile: it was never done here, the folder is not trusted, or its code was
+        # changed
         said = "compiling the renderer for this machine: some seconds, once"
         if refused := find_refusal():
             said = f"compiling the renderer, some seconds at every start: its cache is not used, as {refused}"
@@ -142,12 +146,14 @@ def _prepare(compile_all: Callable[[], None]) -> None:
         elif (folder / SEAL).is_file():
             said = f"compiling the renderer again: its machine code in {folder} is not as it was written"
         notice(said)
+        # code that is not as it was written must not be loaded
         for file in folder.rglob("*.nb[ic]") if (folder / SEAL).is_file() else ():
             file.unlink(missing_ok=True)
         with without_collector():  # going through the compiler's objects is a tenth of its work
             compile_all()
         # last: an interrupted compilation is done again
         write_text(folder / SEAL, _hash_code(folder))
+        # other versions' code goes once it has not been used for long
         for old in folder.parent.glob("kernel-*"):
             if old != folder and (old / MARK).is_file() and not old.is_symlink() and _is_stale(old):
                 shutil.rmtree(old, ignore_errors=True)

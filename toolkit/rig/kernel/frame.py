@@ -136,6 +136,7 @@ def _ask_ahead(mesh: LitMesh, hits: Hits, n: int) -> None:
     """Ask for what the hits soon after the n-th read of a mesh: each would wait for memory several times."""
     if n + 6 >= len(hits.face):
         return
+    # faces are asked for six hits ahead, what they name three hits ahead, when the faces have come
     face = hits.face[n + 6]
     if face < len(mesh.faces):
         prefetch(mesh.faces, int(face))

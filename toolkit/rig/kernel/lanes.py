@@ -24,6 +24,7 @@ def _weighted_sum(_: Any, values: types.Array, places: types.UniTuple, weights: 
         four = ir.VectorType(context.get_data_type(kind.dtype), 4).as_pointer()
         convert = builder.uitofp if isinstance(kind.dtype, types.Integer) else builder.fpext
         total = None
+        # a sum over neighbours: each adds four numbers times its weight
         for k in range(len(chosen)):
             place, weight = (builder.extract_value(argument, k) for argument in arguments[1:])
             pointer = builder.bitcast(builder.gep(data, [place]), four)
@@ -36,6 +37,7 @@ def _weighted_sum(_: Any, values: types.Array, places: types.UniTuple, weights: 
                 lanes, builder.shuffle_vector(first, none, ir.Constant(ir.VectorType(INDEX, 4), [0] * 4))
             )
             total = product if total is None else builder.fadd(total, product)
+        # numba has no type for four lanes: they leave as four numbers
         return context.make_tuple(
             builder, signature.return_type, [builder.extract_element(total, INDEX(c)) for c in range(4)]
         )

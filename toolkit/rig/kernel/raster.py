@@ -19,6 +19,7 @@ def project_corners(points: np.ndarray, T_pixel_mesh: np.ndarray, corners: np.nd
         corners: (n, 3) float64 is filled with these.
         screen: (n, 3) float32 with x and y in pixels, and depth.
     """
+    # written out, as a kernel makes no arrays
     t = T_pixel_mesh
     for n in range(len(points)):
         a, b, c = float(points[n, 0]), float(points[n, 1]), float(points[n, 2])
@@ -122,6 +123,7 @@ def _find_box(
     """
     a, b, c = corners
     left, top = np.float32(samples.left), np.float32(samples.top)
+    # columns first, then rows, within the part
     low, high = _range(screen[a, 0], screen[b, 0], screen[c, 0])
     first, last = int(max(low + before, left)), int(min(high - before, np.float32(samples.right - 1)))
     if first < samples.left or first > last or high < left + before:
@@ -178,6 +180,7 @@ def _draw(
         # rounded up by hand: `ceil` is a call
         for column in range(int(start + 0.99999), int(end) + 1):
             x, pixel = column + 0.5, np.uint64((row - samples.top) * width + column - samples.left)
+            # all samples of the pixel see something nearer already
             if not nearest < furthest[pixel]:
                 continue
             u, v = of_b[0] * x + of_b[1] * y + of_b[2], of_c[0] * x + of_c[1] * y + of_c[2]

@@ -178,7 +178,9 @@ def background(
         # where the ray meets z = 0; a pixel on the horizon's edge would else divide by nothing
         reach = view.origin[2] / max(-dz, 1e-4)
         red, green, blue = _table_radiance(around, view.origin[0] + reach * dx, view.origin[1] + reach * dy, shine[3])
+        # the table's gloss, worked out at the corners of tiles
         red, green, blue = red + shine[0], green + shine[1], blue + shine[2]
+    # beyond the table's edge there is the room
     if cover < 1:
         room = sample_direction(around.backdrop, dx, dy, dz)
         red, green, blue = (

@@ -41,6 +41,7 @@ def around_place(
     left, right, fx = columns
     top, bottom, fy = rows
     upper, lower = start + top * width * size, start + bottom * width * size
+    # bilinear: a corner counts the more, the nearer it is
     places = (upper + left * size, upper + right * size, lower + left * size, lower + right * size)
     return places, ((1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy)
 

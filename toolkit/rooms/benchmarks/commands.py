@@ -116,6 +116,7 @@ def corrupt_eval(
 
     space = open_workspace(workspace)
 
+    # sets of patches may name other networks, which are loaded when they are met
     def load(name: str) -> Classifier:
         return load_classifier(name, None, network.device, space.classifiers_dir)
 

@@ -44,6 +44,7 @@ class ClassicalFinder:
 
 def make_features(pad: Pad, camera: Camera) -> ClassicalFinder:
     """SIFT features of the pad's picture, a homography by RANSAC, and the camera's pose from the pad's corners."""
+    # half of SIFT's default contrast threshold: fog leaves little contrast
     sift = cv2.SIFT_create(contrastThreshold=0.02)  # type: ignore[attr-defined]
     side = min(pad.picture.shape[0], 256)
     drawn = cv2.cvtColor(cv2.resize(pad.picture, (side, side), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
@@ -51,6 +52,7 @@ def make_features(pad: Pad, camera: Camera) -> ClassicalFinder:
     matcher = cv2.BFMatcher()
 
     def find(image: np.ndarray) -> np.ndarray:
+        # frames are small: features are looked for in an enlargement
         seen_points, seen = sift.detectAndCompute(_enlarge(image), None)
         if known is None or seen is None or len(seen) < 2:
             return np.full(2, np.nan)
@@ -107,6 +109,7 @@ def measure_baselines(space: Workspace, folder: Path) -> dict[str, list[ErrorRow
 
     The tag's frames are shot again from the same cameras in the same air.
     """
+    # the settings of the set: its camera and pad are the same for both finders
     about = open_dataset(folder)
     config = CollectConfig(**about.settings)
     samples = read_split(folder, "held_out", MOST_FRAMES)

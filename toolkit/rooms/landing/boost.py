@@ -72,6 +72,7 @@ class PadTask(TrainingTask[Patch]):
         self.folder, self.name = folder, name
         self.title = f"Boosting {name}"
         picture = start_picture(config, seed)
+        # the pad's texels are the parameters, in [0, 1]
         self.theta = torch.from_numpy(picture.transpose(2, 0, 1).copy()).float().div(255).requires_grad_(True)
 
     @cached_property
@@ -171,15 +172,18 @@ def through_air(batch: ViewBatch, depths: Sequence[DepthView], config: BoostConf
 
 def plan_views(config: BoostConfig, regressor: Regressor, pad: Pad, seed: int, own: int = 2_000_003) -> list[PadView]:
     """Cameras in the cone over places of the config's world, drawn by (seed, number)."""
+    # the camera is that of the regressor, or the pad would be boosted for other views
     optics = CameraConfig(image_px=regressor.record.image_px, fov_deg=regressor.record.fov_deg)
     world, sky = find_world(config.world, config.world_seed), find_sky(config.time)
     places = plan_places(world, pad.size_m, config.places, seed + own, config.ground)
     sites = [PadSite(world, place, sky, pad, optics) for place in places]
     views = []
+    # places take turns, so each is seen equally often
     for number in range(config.views):
         site, rng = sites[number % len(sites)], Draws(seed + own, number, "landing").of("camera")
         offset, yaw = draw_in_cone(rng, config.height_m, config.half_angle_deg)
         pose = place_cameras((site.centre + offset)[None], np.cos([yaw]), np.sin([yaw]), np.zeros((1, 2)))[0]
+        # the truth: where the pad lies from the camera
         x, y, z = site.truth(pose)
         views.append(PadView(site, pose, np.array([x, y]), float(z)))
     return views
@@ -202,7 +206,7 @@ def boost_pad(
     space: Workspace, regressor_name: str, config: BoostConfig, printing: PadPrintConfig | None = None, *,
     seed: int = 0, device: str = "cpu", restart: bool = False,
 ) -> Boosted:  # fmt: skip
-    """Train a pad for a regressor into `print/pads`, print it at true size, and measure it against where it started.
+    """Train a pad for a regressor into `print/pads`, print it at true size, and measure it against the plain pad.
 
     Raises:
         ToolkitError: the regressor, the world or a checkpoint cannot be used.
@@ -210,15 +214,18 @@ def boost_pad(
     regressor = load_regressor(space, regressor_name, device)
     name = config.name or f"{regressor.name}-boosted"
     size_m, folder = regressor.record.size_m, space.print_dir / "pads"
+    # sites carry the start picture; rendering is linear in it, so every view is rendered once
     pad = Pad(name, start_picture(config, seed), size_m)
     views = plan_views(config, regressor, pad, seed)
     task = PadTask(config, regressor, views, seed=seed, folder=folder, name=name)
     fit_config = FitConfig(config.steps, config.lr, "linear", "sign", seed)
     fitted = fit(task, fit_config, Checkpoint(folder / ".training" / name, task.key, restart, CHECKPOINT_EVERY_S))
     patch, printing = fitted.made, printing or PadPrintConfig()
+    # without a size of its own the page shows the pad at 0.5 m to 2 m
     side_mm = 1000 * (printing.print_size_m or min(max(size_m, 0.5), 2.0))
     document = build_pdf(patch, PrintSettings(size_mm=side_mm, paper=printing.paper))
     pdf = write_bytes(space.print_dir / f"pad-{name}.pdf", document.content)
+    # measured beside the plain pad
     errors = compare_pads(config, regressor, [draw_pad("plain", size_m), Pad(name, patch.pixels, size_m)], seed)
     return Boosted(folder / f"{name}.png", patch, pdf, len(document.plan.pages), fitted.was_finished, errors)
 
@@ -229,6 +236,7 @@ def compare_pads(
     """Mean error as a share of the height, by pad and weather, on photographs of new cameras and places."""
     # a stream of its own: none of these views was trained on
     plan = plan_views(config.with_overrides(views=COMPARED), regressor, pads[0], seed, own=3_000_017)
+    # three of the five severities are enough to show a trend
     weathers = [CLEAR, *(pair for pair in config.weathers if pair[1] in (1, 3, 5))]
     found: dict[str, dict[str, float]] = {}
     with progress("Comparing pads", len(pads) * len(weathers)) as bar:

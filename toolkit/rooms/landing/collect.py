@@ -105,6 +105,7 @@ class Collector:
 
     def shoot(self, index: int) -> Sample:
         """A frame; raises a `ToolkitError` if no free place is found in the cone."""
+        # frames take the places in turn; the weather is drawn
         number = index % len(self.places)
         site, draws = self.site(number), Draws(self.seed, index, "landing")
         weather = self.config.weathers[int(draws.of("weather").integers(len(self.config.weathers)))]
@@ -124,8 +125,10 @@ class Collector:
         site, rng = self.site(index % len(self.places)), Draws(self.seed, index, "landing").of("camera")
         for _ in range(MOST_TRIES):
             offset, yaw = draw_in_cone(rng, self.config.height_m, self.config.half_angle_deg)
+            # the gimbal's error is a normal draw about both axes of the camera
             tilt = np.radians(self.config.gimbal_error_deg) * rng.standard_normal((1, 2))
             place = site.centre + offset
+            # from just above the pad: the line of sight must not begin in its sheet
             above = site.centre[None] + [[0, 0, 0.05]]
             if not (self.world.inside_building(place[None])[0] or site.ground.is_hit(above, place[None])[0]):
                 return place_cameras(place[None], np.cos([yaw]), np.sin([yaw]), tilt)[0], yaw
@@ -152,6 +155,7 @@ def collect(
     collector = Collector(config, world, pad, seed)
     with hold_folder(folder):
         about = _begin(folder, config, collector, restart)
+        # a finished set is left alone, whatever a new run could improve
         if about.complete and all((folder / shard.file).is_file() for shard in about.shards):
             return Collected(folder, about, 0)
         with (engine or EngineConfig()).open() as workers:

@@ -210,6 +210,7 @@ def show_flights(results: "Sequence[CellResult]", pairs: "Sequence[PairResult]")
     from toolkit.core.tables import build_table, format_interval, format_p, format_percent
     from toolkit.rooms.landing.episodes import OUTCOMES
 
+    # columns for the outcomes that occur, the successes aside
     ends = [name for name in OUTCOMES[1:] if any(result.count(name) for result in results)]
     rows = []
     for result in results:

@@ -123,11 +123,13 @@ class CollectConfig(Config):
 
         for weather in self.weathers:
             check_weather(*weather)
+        # a cone as wide as the view would put the pad outside of the picture
         if np.tan(np.radians(self.half_angle_deg)) >= self.optics.view_tan:
             raise FieldError(
                 f"expected less than half of {{optics.fov_deg}}, {self.optics.fov_deg:g}: else the pad is out of view",
                 {"half_angle_deg": self.half_angle_deg},
             )
+        # a place is wholly in a split, so that held-out frames show unseen ground
         if self.split == "place" and self.held_out > 0 and self.places < 2 and self.at is None:
             raise FieldError("a split by place needs at least 2; or hold frames out at random", {"places": self.places})
         if self.split == "place" and self.frames < self.places and self.at is None:

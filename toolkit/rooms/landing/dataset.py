@@ -206,6 +206,7 @@ def read_shard(path: Path, size_px: tuple[int, int]) -> Iterator[Sample]:
         ToolkitError: it is cut or damaged, of another kind, or a sample in it is none; the message names shard and
             sample.
     """
+    # the parts of the sample that is being read, by kind
     parts: dict[str, bytes] = {}
     try:
         with open_plain(path) as file, tarfile.open(fileobj=file, mode="r:") as tar:
@@ -282,6 +283,7 @@ def read_split(folder: Path, split: Split, most: int | None = None) -> SampleSet
                 break
             path = find_shard(folder, about, shard)
             for sample in read_shard(path, about.size_px):
+                # the seed tells frames of this set from those of another in the same folder
                 if sample.truth.seed != about.seed:
                     _refuse_seed(path, sample, about)
                 images.append(sample.image)
@@ -300,8 +302,10 @@ def read_sets(folders: Sequence[Path], most: int | None = None) -> tuple[LoadedS
     """
     abouts = [open_dataset(folder) for folder in folders]
     for k, (folder, about) in enumerate(zip(folders, abouts, strict=True)):
+        # a set that counts twice would weigh twice
         if about.inputs_sha256 in [earlier.inputs_sha256 for earlier in abouts[:k]]:
             raise ToolkitError(f"{folder}: this data set is named twice: name each once")
+        # a network has a single camera and pad size, so the sets must agree in them
         for what, own, first in _compare_sets(about, abouts[0]):
             raise ToolkitError(
                 f"{folder}: its {what} is {own}, that of {folders[0]} is {first}: a network is trained on alike "

@@ -57,6 +57,7 @@ def run_demo(space: Workspace, config: DemoConfig, seed: int = 0, device: str = 
     training = LandingTrainConfig(name=NAME, epochs=config.epochs, batch=32)
     trained = train_regressor(space, NAME, training, seed=seed, device=device)
     notice("3 of 4: boost")
+    # a tenth of the frames' number, within bounds
     views = max(8, min(240, config.frames // 10))
     boosting = BoostConfig(steps=config.steps, views=views, weathers=parse_weathers(BOOSTED_IN))
     boosted = boost_pad(space, NAME, boosting, seed=seed, device=device)

@@ -67,6 +67,7 @@ class LandingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         if seed is not None:
             self._seed, self._index = seed, -1
+        # an episode's number decides all of its draws
         self._index = int((options or {}).get("index", self._index + 1))
         site = self._site
         self._flights = Flights(
@@ -81,6 +82,7 @@ class LandingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise ToolkitError("no episode has begun: call reset first")
         flights = self._flights
         before = self._distance()
+        # actions are in the drone's frame, forward, left, up; the world's frame turns with the heading
         ahead, left, up = np.asarray(action, float)
         cosine, sine = np.cos(flights.yaw[0]), np.sin(flights.yaw[0])
         flights.advance(np.array([[ahead * cosine - left * sine], [ahead * sine + left * cosine], [up]]))
@@ -89,6 +91,7 @@ class LandingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         reward = before - self._distance()
         if outcome != FLYING:
             reward += REWARDS.get(outcome, FAILURE)
+        # Gymnasium tells an episode that ended (terminated) from one that ran out of time (truncated)
         is_late = outcome == "timed_out"
         return self._look(), float(np.nan_to_num(reward)), outcome != FLYING and not is_late, is_late, self._info()
 

@@ -130,15 +130,18 @@ class Flights:
             view_tan: tangent of half the camera's angle of view, for `lost`.
         """
         self.config, self.ground, self._vehicle = config, ground, vehicle
+        # a pad for all, or a pad for each
         self.pads = np.broadcast_to(np.asarray(pads, float), (len(indices), 3))
         draws = [EpisodeDraws.of(config, seed, index) for index in indices]
         self.episodes = [Episode(index) for index in indices]
         self.yaw = np.array([draw.yaw_rad for draw in draws])
         self._wind = np.array([draw.wind for draw in draws])
         self._gusts, self._gimbal = np.array([draw.gusts for draw in draws]), np.array([draw.gimbal for draw in draws])
+        # starts are drawn around each episode's own pad
         start = self.pads + np.array([draw.offset for draw in draws])
         self.state = MultirotorState.at(start.T, self.yaw, vehicle.hover_signal)
         self._control = VelocityControl(len(indices), gains)
+        # commands that wait for their latency to pass, as (time, velocity)
         self._command, self._waiting = np.zeros((3, len(indices))), []  # type: ignore[var-annotated]
         self._view_tan, self._unseen = view_tan, np.zeros(len(indices))
         self.tick, self._step = 0, 0
@@ -179,8 +182,10 @@ class Flights:
             self._step = last
             return
         before = self.state.position.T.copy()
+        # the track has a point for each picture
         for k in chosen:
             self.episodes[k].track.append(before[k])
+        # a velocity that is not a number means standing still
         self._waiting.append((self.time_s + self.config.latency_s, np.nan_to_num(velocity, posinf=0.0, neginf=0.0)))
         # a ray for each picture, not for each step of 3 ms
         below = self.ground.height_below(before[chosen])
@@ -223,15 +228,18 @@ class Flights:
         """End what has touched down, and what is out of control."""
         config, state = self.config, self.state.part(chosen)
         tilt, speed = np.degrees(state.tilt), np.sqrt((state.velocity**2).sum(axis=0))
+        # offsets from each drone's own pad
         away = state.position - self.pads[chosen].T
         level = np.hypot(away[0], away[1])
         fine = np.isfinite(state.position).all(axis=0) & np.isfinite(speed) & np.isfinite(tilt)
         # asked so that NaN counts as wild
         wild = ~(fine & (tilt <= STEEPEST_DEG) & (level <= FARTHEST_M) & (away[2] <= FARTHEST_M))
         for j, k in enumerate(chosen):
+            # out of control comes first: a position that is not finite tells nothing else
             if wild[j]:
                 self._end(k, "diverged")
             elif down[j]:
+                # a landing is gentle and level; within the radius it is a success
                 hard = speed[j] > config.touchdown_m_s or tilt[j] > config.touchdown_tilt_deg
                 self._end(k, "crashed" if hard else "success" if level[j] <= config.radius_m else "missed")
                 episode = self.episodes[k]
@@ -247,6 +255,7 @@ class Flights:
         height = np.maximum(places[:, 2] - self.pads[chosen, 2], 1e-6)
         # low over the pad it no longer fits the view, which is not losing it
         out = (np.abs(offset) > self._view_tan * height[:, None]).any(axis=1) & (height > self.config.radius_m)
+        # how long the pad has been out of view without a break
         self._unseen[chosen] = np.where(out, self._unseen[chosen] + 1 / self.config.camera_hz, 0.0)
         for j, k in enumerate(chosen):
             if hit[j]:
@@ -289,6 +298,7 @@ def place_cameras(places: np.ndarray, cosine: np.ndarray, sine: np.ndarray, tilt
         tilt: (m, 2) small turns about the camera's own x and y, rad.
     """
     count = len(places)
+    # camera axes as columns: x right, y down in the picture, z along the look, which is down
     level = np.zeros((count, 3, 3))
     level[:, 0, 0], level[:, 1, 0] = sine, -cosine  # right of the heading
     level[:, 0, 1], level[:, 1, 1] = -cosine, -sine  # down in the picture: back

@@ -130,6 +130,7 @@ def pair_cells(results: Sequence[CellResult]) -> list[PairResult]:
     known = {result.cell: result for result in results}
     pairs = []
     for names in (("pad",), ("regressor",), ("gains",), ("pad", "regressor")):
+        # a cell's partner is the cell that differs in these settings only
         first = {name: getattr(results[0].cell, name) for name in names}
         for cell_result in results:
             other = known.get(replace(cell_result.cell, **first))
@@ -180,6 +181,7 @@ def write_summary(
         "toolkit_version": __version__,
     }
     rows = [result.as_json() for result in results]
+    # an interval takes a single column of the CSV
     spread = [row | {"success_ci95": " ".join(map(str, row["success_ci95"]))} for row in rows]
     episodes = [record.model_dump(exclude={"track", "seen", "inputs"}) for record in flown.records]
     write_run(folder, content, {CELLS: _to_csv(spread), EPISODES: _to_csv(episodes)})
@@ -306,6 +308,7 @@ def pick_cells(results: Sequence[CellResult], most: int) -> list[CellResult]:
 
 def draw_map(record: EpisodeRecord, upto: int, config: FlyConfig, size_px: int = FILM_PX) -> np.ndarray:
     """(size, size, 3) uint8: the way from above up to a picture, what was said of the pad, height at the side."""
+    # the map fits the whole track; its scale does not change during the film
     canvas = np.full((size_px, size_px, 3), 246, np.uint8)
     track = np.array(record.track)
     reach = max(1.5, float(np.abs(track[:, :2]).max()) * 1.15)
@@ -394,6 +397,7 @@ def write_report(
 ) -> Path:  # fmt: skip
     """Write `report.html`, with the films in it, `success.png` and `tracks.png`; the path of the first."""
     folder, success, tracks = flown.folder, draw_success(results), draw_tracks(results, config.episode.radius_m)
+    # classical finders have no record of errors
     own = list_regressors(space)
     errors = [
         load_regressor(space, name).record

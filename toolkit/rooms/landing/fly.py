@@ -249,13 +249,16 @@ def fly_all(
     Raises:
         ToolkitError: a regressor, pad, world or weather cannot be used, or no cell can be flown.
     """
+    # the finders decide the camera and the pad's size
     predictors, optics, size_m = load_predictors(space, config, device)
     pads = {word: find_pad(space, word, size_m, seed) for word in config.pads}
     world = find_world(config.world, config.world_seed)
+    # spots that a regressor was trained on are avoided while there are others
     places = _choose_places(world, config, size_m, seed, _find_used(predictors, world))
     folder = space.eval_dir / "landing" / (config.name or Path(config.regressors[0]).stem)
     setup = FlightSetup(config, seed, Sites(world, places, (config.time,), optics), pads, predictors)
     cells = list_cells(config, pads, world)
+    # the folder is held: two runs would mix their episodes
     with hold_folder(folder), (engine or EngineConfig()).open(gpus=int(device != "cpu")) as workers:
         file = folder / "episodes.jsonl"
         if restart:
@@ -270,6 +273,7 @@ Flight = tuple[Episode, Clock]
 
 
 def _fly_missing(setup: FlightSetup, cells: Sequence[FlightCell], file: Path, engine: Engine) -> Flown:
+    # a cell is known by the hash of its inputs, so settings can change between runs
     digests, numbers = {cell: setup.key(cell) for cell in cells}, range(setup.config.episodes)
     wanted = {(digest, cell, index): cell for cell, digest in digests.items() for index in numbers}
     cache = WorkLog(file, EpisodeRecord, lambda row: [((row.inputs, row.cell, row.index), row)], wanted)
@@ -281,6 +285,7 @@ def _fly_missing(setup: FlightSetup, cells: Sequence[FlightCell], file: Path, en
 
     units = _list_units(setup, missing, engine)
     ran = run_resumable("Flying episodes", wanted, missing, units, keep, engine, file.parent)
+    # a cell with a failed episode is left out whole: its rate would be of fewer episodes
     lost = set(cache.find_missing(wanted).values())
     left = tuple(cell for cell in cells if cell not in lost)
     if not left:
@@ -312,10 +317,12 @@ def load_predictors(
 ) -> tuple[dict[str, Regressor | None], CameraConfig, float]:
     """Regressors by name, None for classical finders; their camera, and their pad's side."""
     predictors: dict[str, Regressor | None] = {}
+    # several regressors may be given, but they share a camera
     for word in config.regressors:
         loaded = None if word in FINDERS else load_regressor(space, word, device)
         predictors[word if loaded is None else loaded.name] = loaded
     trained = [regressor for regressor in predictors.values() if regressor is not None]
+    # classical finders work with any camera
     if not trained:
         optics = CameraConfig() if config.image_px is None else CameraConfig(image_px=config.image_px)
         return predictors, optics, config.size_m or 2.0
@@ -371,6 +378,7 @@ def fly_cell(setup: FlightSetup, cell: FlightCell, indices: list[int], clock: Cl
     begun = perf_counter()
     own = {index: sites.site(pad, index % count) for index in indices}
     clock.rendering += perf_counter() - begun  # pads are lit when they are first asked for
+    # episodes of a cell may fly at different places
     centres = np.array([own[index].centre for index in indices])
     flights = Flights(
         config.episode, centres, WorldGround(sites.world), seed=seed, indices=indices, view_tan=sites.optics.view_tan
@@ -390,6 +398,7 @@ def make_look(sites: dict[int, PadSite], seed: int, weather: tuple[str, int], fi
     def look(indices: np.ndarray, poses: np.ndarray, tick: int) -> np.ndarray:
         begun = perf_counter()
         views = [
+            # each frame's draws depend on the seed, the episode and the tick
             (sites[int(index)], SiteView(pose, seed, int(index) * TICKS + tick, weather))
             for index, pose in zip(indices, poses, strict=True)
         ]
@@ -405,6 +414,7 @@ def make_look(sites: dict[int, PadSite], seed: int, weather: tuple[str, int], fi
 
 def _record(cell: FlightCell, inputs: str, places: Sequence[PadPlace], episode: Episode) -> EpisodeRecord:
     place = places[episode.index % len(places)]
+    # tracks of the first episodes only: they take far more space than outcomes
     keep = episode.index < KEPT_TRACKS
     track = (np.array(episode.track) - place.centre).round(3).tolist() if keep else []
     seen = (

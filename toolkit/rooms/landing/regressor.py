@@ -129,6 +129,7 @@ class Regressor:
                 f"{self.name} takes pictures of {self.record.image_px} px, found {images.shape[2]} × {images.shape[1]}"
             )
 
+        # frames are asked in parts of fixed size, so an answer does not depend on how many there are
         def ask(chosen: list[int]) -> torch.Tensor:
             with torch.inference_mode():
                 return self.outputs(as_batch(images[chosen])).double().cpu()
@@ -224,6 +225,7 @@ def load_regressor(space: Workspace, name: str, device: str = "cpu") -> Regresso
     with torch.random.fork_rng(devices=[]):
         module = build_module(record.arch, record.outputs, record.pool, record.image_px)
     expected = module.state_dict()
+    # every tensor must fit, or a part of the network would stay random
     wrong = [key for key, value in expected.items() if key not in state or state[key].shape != value.shape]
     if wrong:
         raise ToolkitError(
@@ -247,6 +249,7 @@ def summarise_errors(answers: np.ndarray, samples: SampleSet) -> list[ErrorRow]:
     Args:
         answers: (n, 2) metres; NaN where the pad was not found.
     """
+    # the distance between answer and truth on the ground, metres
     errors = np.linalg.norm(answers - samples.offsets, axis=1)
     heights = samples.heights
     # the angle between the vertical and the line from the drone to the pad
@@ -306,6 +309,7 @@ def pick_samples(folder: Path) -> list[Sample]:
 @with_default_style
 def draw_saliency(regressor: Regressor, samples: Sequence[Sample]) -> tuple[bytes, list[float]]:
     """PNG of frames with what the regressor looks at below each; and the share of it on the pad."""
+    # the share of saliency on the pad, beside the share of the picture that the pad takes
     saliency = find_saliency(regressor, np.stack([sample.image for sample in samples]))
     shares = [float(heat[sample.mask].sum() / heat.sum()) for heat, sample in zip(saliency, samples, strict=True)]
     figure = make_figure(1.9 * len(samples), 4.6)

@@ -101,6 +101,7 @@ def find_pad(space: Workspace, word: str, size_m: float = 2.0, seed: int = 0) ->
     if word in KINDS:
         return draw_pad(word, size_m, seed)
     folder = space.print_dir / "pads"
+    # a trained pad of the workspace comes before a file
     own = {file.stem: file for file in sorted(folder.glob("*.png"))}
     file = own.get(word) or Path(word)
     if not file.is_file():
@@ -178,6 +179,7 @@ def plan_places(
     Raises:
         ToolkitError: the world has no such spot, or the pad is larger than all of them.
     """
+    # the spot of a landing pad is no bare ground, whatever lies under it
     bare = [spot for spot in world.spots if spot.place == "grass" and spot not in world.pads]
     spots = {"pads": list(world.pads), "bare": bare, "both": [*world.pads, *bare]}[ground]
     spots = [spot for spot in spots if spot.name not in without]
@@ -203,6 +205,7 @@ def _draw_place(world: World, spot: Spot, size_m: float, draws: Draws, number: i
         # the root spreads points evenly over the disc
         distance, around, turn = room * rng.uniform() ** 0.5, rng.uniform(0, 2 * np.pi), rng.uniform(0, 360)
         x, y = spot.position[0] + distance * np.cos(around), spot.position[1] + distance * np.sin(around)
+        # a pad that would hang over an edge or lie on a step is drawn again
         height = _flat_height(world, (x, y, spot.position[2]), size_m, turn)
         if height is not None:
             centre = (round(float(x), 4), round(float(y), 4), round(height + SHEET_M, 4))
@@ -225,6 +228,7 @@ def place_at(world: World, x: float, y: float, size_m: float, turn_deg: float = 
             f"outside {world.name}, which goes from {low[0]:.0f} {low[1]:.0f} to {high[0]:.0f} {high[1]:.0f} m",
             {"at": (x, y)},
         )
+    # the ray starts above everything in the world
     fall = _cast_down(world, np.array([[x, y, high[2] + 1.0]]))[0]
     height = _flat_height(world, (x, y, high[2] + 1.0 - fall), size_m, turn_deg) if np.isfinite(fall) else None
     if height is None:

@@ -65,11 +65,14 @@ def start_module(arch: str, outputs: int, pool: Pool, *, image_px: int, init: We
     Raises:
         ToolkitError: the weights are of another network.
     """
+    # what finds no weights stays random, drawn by the seed; the caller's generator is left alone
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         module = build_module(arch, outputs, pool, image_px)
     own, given = module.state_dict(), read_state_dict(init)
+    # tensors of the same name and shape: the last layer usually has another number of outputs
     fitting = {name: value for name, value in given.items() if name in own and value.shape == own[name].shape}
+    # the last layer may differ, and the counters of batch normalisation, but nothing else
     missing = {name.rpartition(".")[0] for name in own if name not in fitting and not name.endswith("tracked")}
     if len(missing) > 1:
         raise FieldError(f"holds no weights of {arch}: {len(missing)} layers differ", {"init": init.path})
@@ -90,6 +93,7 @@ def fit_ridge(features: np.ndarray, offsets: np.ndarray, weight: np.ndarray) -> 
     Returns:
         (d, 2) weights and (2,) bias of the features as they are, and the root of the mean square of what is left.
     """
+    # standardised, so that the penalty means the same for every feature
     mean, spread = features.mean(axis=0), features.std(axis=0) + 1e-6
     rows = np.column_stack([(features - mean) / spread, np.ones(len(features))]).astype(np.float64) * weight[:, None]
     wanted = offsets * weight[:, None]
@@ -98,6 +102,7 @@ def fit_ridge(features: np.ndarray, offsets: np.ndarray, weight: np.ndarray) -> 
     penalty[-1] = 1e-9
     found = np.linalg.solve(rows.T @ rows + np.diag(penalty), rows.T @ wanted)
     residual = float(np.sqrt(np.square((rows @ found - wanted) / weight[:, None]).mean()))
+    # back from standardised features to the features as they are
     weights = found[:-1] / spread[:, None]
     return weights, found[-1] - mean @ weights, residual
 
@@ -163,11 +168,13 @@ class RegressorTask(TrainingTask[Regressor]):
         self.train = train = join_samples([loaded.train for loaded in sets])
         self.seed, self.file, self.device = seed, file, device
         self.title = f"Training {file.stem}"
+        # frames for calibrating the deviation are set aside before training
         numbers = np.random.default_rng([seed, 63]).permutation(len(train.truths))
         aside = round(CALIBRATION_SHARE * len(numbers)) if config.uncertainty else 0
         self.calibration, self.chosen = np.sort(numbers[:aside]), np.sort(numbers[aside:])
         if len(self.chosen) < 2:
             raise ToolkitError("too few frames to train on: collect more")
+        # x and y, and the logarithm of the deviation if it is wanted
         outputs, image_px = 3 if config.uncertainty else 2, train.images.shape[1]
         module = start_module(config.arch, outputs, config.pool, image_px=image_px, init=init, seed=seed)
         self.module = module.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -205,15 +212,19 @@ class RegressorTask(TrainingTask[Regressor]):
         last = self.module.get_submodule("fc")
         if not isinstance(last, torch.nn.Linear):
             raise FieldError(f"{self.config.arch} has no last layer called fc: leave it out", {"probe": True})
+        # every quarter turn of a frame is another sample, and its offset turns with it
         turns = 4 if self.config.augment else 1
         known = self.train.offsets[self.chosen]
         offsets = np.concatenate([turn_offsets(known, np.full(len(known), k)) for k in range(turns)])
         heights = np.tile(np.maximum(self.train.heights[self.chosen], LEAST_HEIGHT_M), turns)
+        # relative errors: a mistake counts by its share of the height
         weight = 1 / heights if self.config.loss == "relative" else np.ones_like(heights)
         found, bias, residual = fit_ridge(self._find_features(turns), offsets, weight)
+        # the solution becomes the last layer; training goes on from it
         with torch.no_grad():
             last.weight.zero_()
             last.weight[:2], last.bias[:2] = torch.from_numpy(found.T).float(), torch.from_numpy(bias).float()
+            # the deviation starts at what the closed form leaves over
             if self.config.uncertainty:
                 last.bias[2] = float(np.log(max(residual, 1e-3)))
 
@@ -222,6 +233,7 @@ class RegressorTask(TrainingTask[Regressor]):
         seen: list[np.ndarray] = []
         self.module.eval()
         last = self.module.get_submodule("fc")
+        # the hook catches what goes into the last layer
         hook = last.register_forward_pre_hook(lambda _, given: seen.append(given[0].cpu().numpy()))
         with progress("Looking at frames", turns * len(self.chosen)) as bar, torch.no_grad():
             for k in range(turns):

@@ -78,10 +78,13 @@ def find_board(image: np.ndarray, board: Board) -> BoardSighting | None:
     Returns:
         None with fewer than `LEAST_CORNERS` corners, or if the picture shows the board twice.
     """
+    # colour carries nothing: a board is black on white
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     finder = _make_finder(board)
+    # enough for a sure pose; a small board has fewer corners in all
     enough = min(ENOUGH_CORNERS, ENOUGH_SHARE * len(finder.world_mm))
     best: tuple[np.ndarray, np.ndarray] | None = None
+    # the likeliest version of the picture first; the search ends once enough of the board shows
     for searched in _versions(grey):
         found = finder.find(grey, searched)
         if found is not None and (best is None or len(found[0]) > len(best[0])):
@@ -128,12 +131,14 @@ def read_markers(
 ) -> list[set[int]]:
     """Return the numbers of the markers of each dictionary; the picture is searched once for all of them."""
     dictionaries = [cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)) for name in names]
+    # markers of a few pixels are noise; OpenCV states its limit as a share of the picture's larger side
     if parameters is None:
         parameters = cv2.aruco.DetectorParameters()
         least = 4 * SMALLEST_MARKER_PX / max(grey.shape)
         parameters.minMarkerPerimeterRate = max(parameters.minMarkerPerimeterRate, least)
     _, ids, _, of = cv2.aruco.ArucoDetector(dictionaries, parameters).detectMarkersMultiDict(grey)
     read: list[set[int]] = [set() for _ in names]
+    # the picture is searched once, and each marker comes with the dictionary that it belongs to
     for number, k in zip(*(np.ravel(array) for array in (ids, of)), strict=True) if ids is not None else ():
         read[int(k)].add(int(number))
     return read
@@ -148,6 +153,7 @@ def measure_ink(image: np.ndarray, sighting: BoardSighting) -> float:
     # a part of the distance to the next corner, so that both ink and paper lie within
     apart = np.linalg.norm(sighting.corners_px[:, None] - sighting.corners_px, axis=-1)
     reach = max(2, int(CHESS_REACH * np.median(np.sort(apart, axis=1)[:, 1])))
+    # the darker and the brighter tenth around each corner: ink and paper
     shares = []
     for x, y in sighting.corners_px.round().astype(int):
         dark, bright = np.percentile(
@@ -159,10 +165,12 @@ def measure_ink(image: np.ndarray, sighting: BoardSighting) -> float:
 
 def explain_absence(image: np.ndarray, board: Board) -> str:
     """Return why `find_board` finds no board: twice there, mirrored, or another board; else "no board is seen"."""
+    # common slips are tested first, each by a search of its own
     grey = shrink(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), SEARCH_SIDE_PX)
     finder = _make_finder(board)
     if finder.sees_two(grey):
         return "the board is seen twice: keep a single board in the picture"
+    # a marker in a mirror is no marker, so the picture is mirrored back
     mirrored = finder.find(grey[:, ::-1].copy(), grey[:, ::-1].copy()) if board.marker_ids else None
     if mirrored is not None and len(mirrored[0]) >= LEAST_CORNERS:
         return "the board is seen mirrored: print it unmirrored, or switch off the front camera's mirror"
@@ -194,6 +202,7 @@ def _versions(grey: np.ndarray) -> Iterator[np.ndarray]:
     longer = max(grey.shape)
     first = shrink(grey, SEARCH_SIDE_PX)
     yield first
+    # markers of a few pixels are found in a larger picture
     if longer <= SMALL_SIDE_PX:
         yield cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
     if longer > SEARCH_SIDE_PX:
@@ -274,16 +283,19 @@ class _CharucoFinder(_MarkerFinder):
         markers = self._read(full, searched)
         if not markers:
             return None
+        # markers that were found already: OpenCV only adds the chess corners between them
         corners = [marker.astype(np.float32) for marker in markers.values()]
         ids = np.array(list(markers), np.int32).reshape(-1, 1)
         found, numbers, _, _ = self._corners.detectBoard(full, markerCorners=corners, markerIds=ids)
         named = {}
         if found is not None and len(found):
             named = dict(zip(numbers.reshape(-1).tolist(), found.reshape(-1, 2), strict=True))
+        # markers and corners found so far predict where the others are
         places = grow_corners(full, self._squares, named, markers)
         if not places:
             return None
         order = sorted(places)
+        # half a pixel: OpenCV counts from the middle of the first pixel, we from its corner
         return np.array(order), np.array([places[number] for number in order], float) + 0.5
 
 
@@ -375,6 +387,7 @@ def _find_markers(
     scale = np.array([full.shape[1] / searched.shape[1], full.shape[0] / searched.shape[0]], np.float32)
     numbers = np.asarray(ids, np.int32).reshape(-1)
     mine = [i for i, number in enumerate(numbers) if int(number) in known]
+    # the edges of a picture scale, and OpenCV counts from the centre of the first pixel
     half = np.float32(0.5)
     return [((corners[i].reshape(4, 2) + half) * scale - half).astype(np.float32) for i in mine], numbers[mine]
 

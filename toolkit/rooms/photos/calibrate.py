@@ -144,11 +144,13 @@ ARROW_SHARE = 0.03
 @with_default_style
 def draw_calibration(found: Calibration, title: str) -> bytes:
     """PNG of the frame: cells without a corner hatched, corners coloured by their error, mean errors as arrows."""
+    # cells of the frame, and the cell of each corner
     lens, corners, residuals = found.lens, found.corners_px, found.residuals_px
     figure = make_figure(8, 8 * lens.height / lens.width + 0.8)
     axes = figure.add_subplot()
     cell = np.array([lens.width, lens.height]) / CELLS
     at = np.clip(np.floor(corners / cell).astype(int), 0, np.array(CELLS) - 1)
+    # arrows are enlarged: real errors are a fraction of a pixel
     arrow = ARROW_SHARE * lens.width / max(found.reprojection_px, 1e-6)
     # empty cells are hatched, the others have their mean error as an arrow
     for column in range(CELLS[0]):
@@ -169,6 +171,7 @@ def draw_calibration(found: Calibration, title: str) -> bytes:
     (x, y), most = corners[order].T, 3 * found.reprojection_px
     dots = axes.scatter(x, y, c=off[order], s=6, linewidths=0, cmap="viridis_r", vmin=0, vmax=most)
     figure.colorbar(dots, ax=axes, label="error of a corner, px", shrink=0.8)
+    # the y axis points down, as in a picture
     axes.set(xlim=(0, lens.width), ylim=(lens.height, 0), aspect="equal", xlabel="px", ylabel="px")
     axes.set_title(
         f"{title}\n{len(found.used)} photos, {found.coverage:.0%} of the frame covered (hatched: no corner), "

@@ -64,6 +64,7 @@ def import_(
     asking = ask if ask is not None else sys.stdin.isatty() and not (quiet or as_json)
     check = make_check(space, settings.source)
     result = import_photos(space, photos, settings, check=check, ask=ask_person if asking else None)
+    # the gates of the whole set need all photographs that are there
     report = check_captures(space, settings.source) if any(row.there for row in result.coverage) else None
     if as_json:
         show_json(result.to_json() | {"gates": None if report is None else report.to_json()})
@@ -75,6 +76,7 @@ def import_(
 
 def ask_person(question: str, answers: Sequence[str]) -> str | None:
     """Put a question on stderr until the reply is among `answers`, or s or nothing to leave it out."""
+    # of many poses, first and last are enough
     shown = "/".join(answers) if len(answers) <= SHOWN_POSES else f"{answers[0]}-{answers[-1]}"
     while True:
         answer = typer.prompt(f"{question} [{shown}, s to leave it out]", default="s", show_default=False, err=True)
@@ -153,6 +155,7 @@ def _report_check(report: "CheckReport", folder: Path) -> None:
         warn(f"retake {row.describe()}")
     for gate, reason, count in report.unchecked:
         remark(f"{gate} not checked in {count_of(count, 'photograph')}: {reason}")
+    # retakes without a path are photographs that are missing
     passed = len(report.photos) - len({row.path for row in report.retakes if row.path})
     say(f"{passed} of {len(report.photos)} photographs pass every gate that was checked")
     if report.retakes:
@@ -185,6 +188,7 @@ def retexture(
     from toolkit.rooms.photos.retexture import retexture as run_retexture
 
     space = open_workspace(workspace).with_patches(patches)
+    # the check predicts known photographs, and writes none
     if check:
         _check_retexture(space, photos, config, networks, as_json)
         return
@@ -307,6 +311,7 @@ def serve_session(session: "Session", door: "Listener", load: "Callable[[], Clas
         predictor.start()
         Thread(target=warm_up, args=(session,), daemon=True).start()
         server.run(sockets=[door.listener])
+        # the page is closed: what still runs in the background ends before the summary
         predictor.stop()
         session.inspector.stop()
         show_summary(session)

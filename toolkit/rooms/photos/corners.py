@@ -132,10 +132,13 @@ def refine_outline(grey: np.ndarray, corners: np.ndarray, reach: float) -> np.nd
         corners: (4, 2) roughly, clockwise, pixel centres at integers; returned as they are if no outline is seen.
         reach: how far to both sides of the outline its edge is looked for, pixels.
     """
+    # the sides from each corner to the next
     corners = np.asarray(corners, float)
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(sides, axis=1)
+    # places in pixels along lines across each side, at several points of it
     steps = np.arange(-reach, reach + STEP_PX / 2, STEP_PX)
+    # clockwise in an image, so this normal points outwards
     outwards = np.stack([sides[:, 1], -sides[:, 0]], axis=1) / np.maximum(lengths, 1e-9)[:, None]
     places = corners[:, None, None] + ALONG[:, None, None] * sides[:, None, None]
     places = (places + steps[:, None] * outwards[:, None, None]).astype(np.float32)
@@ -147,11 +150,14 @@ def refine_outline(grey: np.ndarray, corners: np.ndarray, reach: float) -> np.nd
     rise = np.diff(light.reshape(4, len(ALONG), len(steps)), axis=2).clip(0) ** 2
     weight = rise.sum(axis=2)
     offset = (rise * (steps[1:] + steps[:-1]) / 2).sum(axis=2) / np.maximum(weight, 1e-9)
+    # a side without any rise has no edge to find
     if (weight.sum(axis=1) <= 0).any():
         return corners
+    # a line through each side's edge points, as offsets at both of its ends
     ends = np.stack([_fit_line(edge, by) for edge, by in zip(offset, weight, strict=True)])
     starts = corners + ends[:, :1] * outwards
     stops = corners + sides + ends[:, 1:] * outwards
+    # corners are where neighbouring lines meet
     return _meet(np.roll(starts, 1, axis=0), np.roll(stops, 1, axis=0), starts, stops, corners)
 
 

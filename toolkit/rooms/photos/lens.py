@@ -151,10 +151,12 @@ def write_lenses(
     there = read_lenses(workspace)
     kept = []
     for new in records:
+        # a lens that is known better stays, unless it shall be replaced
         better = next((old for old in there if old.same_lens(new) and old.is_surer_than(new)), None)
         if better is not None and not replace:
             kept.append((better, new))
     added = [new for new in records if not any(new is worse for _, worse in kept)]
+    # lenses of other cameras and settings stay
     others = [old for old in there if not any(old.same_lens(new) for new in added)]
     made = LensFile(lenses=[*others, *added])
     return write_json(lens_file(workspace), made.model_dump(mode="json", exclude_none=True)), kept

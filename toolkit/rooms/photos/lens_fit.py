@@ -92,6 +92,7 @@ class Calibration:
                 f"the focal length is known to {self.focal_sigma_px / lens.fx:.1%} only: add photos that see the "
                 "board at a slant, from several sides"
             )
+        # of the most slanted views: several are needed to fix the focal length
         slant = sorted(self.tilt_deg)[-LEAST_SLANTED]
         if slant < GOOD_TILT_DEG:
             lines.append(
@@ -320,10 +321,12 @@ def _fit(views: list[BoardSighting], flags: int) -> _Fit:
     """
     size, half_mm = (views[0].width, views[0].height), _half_diagonal(views)
     pixels = [view.corners_px.astype(np.float32) for view in views]
+    # heights of a sheet that is bent along, twisted, and bent across by 1 mm, at each corner
     shapes = [_bend_shapes(view.world_mm[:, :2], half_mm) for view in views]
     bend, flat_px = np.zeros(3), None
     matrix: cv2.typing.MatLike = np.eye(3)
     distortion: cv2.typing.MatLike = np.zeros(5)
+    # free entries of the lens: fx, fy, cx, cy and the distortion
     free = 8 if flags & cv2.CALIB_FIX_K3 else 9
     # lens and poses for the bend so far, and then a Gauss-Newton step for the bend
     for _ in range(BEND_ROUNDS):
@@ -340,6 +343,7 @@ def _fit(views: list[BoardSighting], flags: int) -> _Fit:
             raise ToolkitError(
                 f"the photos do not determine a lens ({why}): take them at a slant from all sides"
             ) from None
+        # the error as if the board were flat, for the report
         flat_px = flat_px or rms_px
         residuals, normal, gradient = [], [], []
         for points, seen, shape, rotation, translation in zip(

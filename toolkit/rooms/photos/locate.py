@@ -24,6 +24,7 @@ def locate_by_board(workspace: Workspace) -> Locate:
     board, lenses = read_board(workspace), read_lenses(workspace)
 
     def locate(photo: Photo, pixels: np.ndarray) -> PosedCamera | str:
+        # such a board gives two cameras that fit equally well
         if board.looks_the_same_turned:
             return f"a {board.describe()} looks the same upside down: use a board with an odd and an even count"
         sighting = find_board(pixels, board)
@@ -32,6 +33,7 @@ def locate_by_board(workspace: Workspace) -> Locate:
         found = locate_sighting(photo, sighting, lenses)
         if isinstance(found, str):
             return found
+        # how dark the board's ink is, for a note on boards that are printed in full black
         details = {**found.details, "board_ink": round(measure_ink(pixels, sighting), 3)}
         if workspace.board is not None:
             details["board"] = workspace.board.stem
@@ -155,6 +157,7 @@ def match_pose(T_world_camera: np.ndarray, poses: Sequence[Pose]) -> PoseMatch:
     cost, best = matches[order[0]]
     if len(order) == 1:
         return best
+    # how much dearer the second pose is tells how sure the first is
     next_cost, runner_up = matches[order[1]]
     return replace(best, runner_up=runner_up.pose_id, runner_up_deg=runner_up.error_deg, margin_deg=next_cost - cost)
 

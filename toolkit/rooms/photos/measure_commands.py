@@ -152,6 +152,7 @@ def _report_lenses(run: "CalibrationRun") -> None:
             _describe(result), f"{len(found.used)} of {len(result.names)}", f"{found.reprojection_px:.2f}",
             f"{found.lens.fov_deg:.1f}°", f"{found.lens.fx:.1f} ± {found.focal_sigma_px:.1f}", f"{found.coverage:.0%}",
         ))  # fmt: skip
+        # the views that fit worst may be retaken
         order = sorted(zip(found.view_px, found.used, strict=True), reverse=True)[:SHOWN_VIEWS]
         worst = ", ".join(f"{result.names[index]} {off:.2f}" for off, index in order)
         notes.append(f"{_describe(result)}: farthest off, px: {worst}")
@@ -263,6 +264,7 @@ def _profile_json(run: "ProfileRun", file: Path) -> dict[str, Any]:
 
 def _report_profile(run: "ProfileRun", file: Path, expected_mm: float | None) -> None:
     for photo in run.photos:
+        # without the page, the patch's size in millimetres is not known
         size = "sheet's edges not seen" if expected_mm is not None else f"side {photo.side_px:.0f} px"
         if photo.size_mm is not None and expected_mm is not None:
             size = f"{photo.size_mm:.1f} mm of {expected_mm:.1f} mm"

@@ -140,6 +140,7 @@ def _parse_time(text: str | None, subseconds: str | None, offset: str | None) ->
     if subseconds and subseconds.isdecimal() and subseconds.isascii():
         # padded on the right: these are the digits after the decimal point, so "5" is half a second
         taken = taken.replace(microsecond=int(subseconds[:6].ljust(6, "0")))
+    # without a zone the time is that of the camera's clock
     zone = re.fullmatch(r"([+-])(\d\d):(\d\d)", offset or "", re.ASCII)
     if zone and (minutes := int(zone[2]) * 60 + int(zone[3])) < 24 * 60:
         taken = taken.replace(tzinfo=timezone(timedelta(minutes=minutes if zone[1] == "+" else -minutes)))
@@ -205,6 +206,7 @@ def find_preview(path: Path) -> Preview:
     """
     path = Path(path)
     with decoding(path), path.open("rb") as file, _no_warnings():
+        # every directory may hold a preview
         found = [
             preview for directory in _directories(file, MOST_DIRECTORIES) if (preview := _jpeg_in(directory, file))
         ]

@@ -111,8 +111,10 @@ def fit_plane_pose(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> Ph
         None with fewer than `LEAST_POINTS` points that agree, points on a line, or no camera above the table.
     """
     world_mm, pixels = np.ascontiguousarray(world_mm, float), np.ascontiguousarray(pixels, float)
+    # gross errors first: a least-squares fit would follow them
     kept = _drop_gross(world_mm, pixels, lens)
     fits: list[_PlaneFit] = []
+    # fit and leave out outliers in turn, until the points stay the same
     for _ in range(ROUNDS):
         if kept.sum() < LEAST_POINTS:
             return None

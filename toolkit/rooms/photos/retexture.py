@@ -91,6 +91,7 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
     given = [read_known(workspace, name) for name in config.given]
     if not given:
         raise FieldError("expected the patch that takes the printed patch's place", {"given": ()})
+    # the first two patches take the evaluation's names of variants
     names = ["patched", "other-patch", *(patch.name for patch in given[2:])]
     variants = dict(zip(names, given, strict=False)) | make_controls(given[0].pixels.shape[0], config.seed)
     name = config.object or _name_object(photos[0])
@@ -111,6 +112,7 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
         return _retexture(shot, found, variants, config.seed, done)
 
     kept, skipped = use_each("retexturing", photos, put)
+    # true photographs without a patch are copied as they are
     for photo in bare:
         shot, key = _Shot(root, name, bare_number_of[photo.path], photo), PICTURES.key(photo.sha256)
         if not is_finished(root, done.get(shot.path("unpatched")), key):
@@ -165,6 +167,7 @@ def _retexture(
     keys[AS_TAKEN] = PICTURES.key(photo.sha256)
     records = {variant: done.get(shot.path(variant)) for variant in keys}
     finished = {variant for variant, record in records.items() if is_finished(shot.root, record, keys[variant])}
+    # all is there: the facts were written by the earlier run
     first = records[next(iter(variants))]
     if first is not None and len(finished) == len(keys):
         return photo.name, dict(first.made[RETEXTURED])
@@ -192,6 +195,7 @@ def encode_like(photo: Photo, picture: np.ndarray | None) -> bytes:
         picture = load_pixels(photo)
     if photo.kind == "png":
         return encode_image(picture, "PNG")
+    # what has no JPEG tables of its own is written with high quality
     how: dict[str, Any] = {"quality": JPEG_QUALITY}
     if photo.kind == "jpeg":
         with open_image(photo.path) as original:
@@ -295,6 +299,7 @@ def check_retexture(
     answers = {stem: _ask(classifiers, photo.image) for stem, photo in fitted.items()}
     # pairs: each photograph predicts itself, and those of other patches in its place
     places = {stem: _place(stem, photo) for stem, photo in fitted.items()}
+    # names that differ only in the patch's name mean the same place
     apart = [(a, b) for a, b in itertools.permutations(fitted, 2) if places[a] == places[b]]
     pairs = [(stem, stem) for stem in fitted] + apart
     rows = []
@@ -344,6 +349,7 @@ def predict_texels(
 
     These are (n², 3) sRGB-encoded means, and (n²,) bool where they lie in both pictures.
     """
+    # JPEG and back, since the true photograph went through it as well
     (picture,) = first.with_patches([other.patch], draws)
     predicted = decode_image(encode_like(first.photo, picture), first.photo.path)
     (said, shows), (seen, also) = (

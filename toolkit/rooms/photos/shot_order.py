@@ -90,7 +90,9 @@ def _move_first(tour: np.ndarray, apart: np.ndarray, slack: float) -> np.ndarray
             # what the tour saves by closing the gap that the run leaves
             gain = apart[rest[-1], run[0]] + apart[run[-1], rest[0]] - apart[rest[-1], rest[0]]
             before, behind = rest[:-1], rest[1:]
+            # the run may go back into the tour turned round
             for piece in (run, run[::-1]):
+                # what the tour loses by opening a gap for it
                 cost = apart[before, piece[0]] + apart[piece[-1], behind] - apart[before, behind]
                 place = int(cost.argmin())
                 if cost[place] < gain - slack:
@@ -243,6 +245,7 @@ def read_shots(file: Path, plan: CapturePlan | None = None) -> ShotList:
     shots = read_json(file, ShotList)
     if plan is None:
         return shots
+    # by hash: the numbers of poses may stay while their places change
     for name, sha256 in shots.plan_sha256.items():
         if name not in plan.objects or hash_poses(plan, name) != sha256:
             raise ToolkitError(

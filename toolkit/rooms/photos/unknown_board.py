@@ -100,6 +100,7 @@ def identify_board(folder: Path) -> FoundBoard:
     chosen = [listed[i] for i in np.unique(np.linspace(0, len(listed) - 1, MOST_PHOTOS).round().astype(int))]
     pictures = []
     with progress("reading photographs", len(chosen)) as bar:
+        # videos and unreadable files are skipped: the others tell the board
         for path in chosen:
             try:
                 photo = read_photo(path)
@@ -184,6 +185,7 @@ def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
     A marker's own corners span a frame for its neighbours; least squares then place all markers roughly. After that,
     the photographs' homographies and the places are fitted in turn.
     """
+    # steps between neighbouring markers, in sides of a marker, from every photograph
     steps: dict[tuple[int, int], list[np.ndarray]] = {}
     for seen in views:
         frames = {
@@ -195,9 +197,11 @@ def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
             there, back = map_points(frames[a], middles[b][None])[0], map_points(frames[b], middles[a][None])[0]
             if max(np.linalg.norm(there), np.linalg.norm(back)) < NEAR_SIDES:
                 steps.setdefault((a, b), []).append((there - back) / 2)  # perspective cancels to first order
+    # markers that lie beside others; a marker far away cannot be placed
     numbers = sorted({number for pair in steps for number in pair})
     if not numbers:
         raise ToolkitError("markers are seen, but no two side by side: expected a board whose markers lie side by side")
+    # least squares: an equation for each pair of neighbours
     index = {number: i for i, number in enumerate(numbers)}
     rows = np.zeros((len(steps) + 1, len(numbers)))
     values = np.zeros((len(steps) + 1, 2))
@@ -210,6 +214,7 @@ def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
     # the first marker is fixed at the origin: differences alone leave the place of all free
     rows[-1, 0] = 1
     places = np.linalg.lstsq(rows, values, rcond=None)[0]
+    # exact places: photographs to board, board from photographs, in turn
     for _ in range(REFINEMENTS):
         told: dict[int, list[np.ndarray]] = {}
         sides: list[float] = []
@@ -246,8 +251,10 @@ def _tell_layout(family: str, places: dict[int, np.ndarray]) -> BoardSpec:
         # least squares through the origin: the slope of places over cells
         step = float(((at - at[0]) * cells).sum() / (cells**2).sum())
     cells = np.round((at - at[0]) / step)
+    # the shift of the grid, since the first marker may be a little off
     shift = np.median((at - at[0]) / step - cells, axis=0)
     off = np.abs((at - at[0]) / step - cells - shift).max(axis=1)
+    # columns and rows from 0
     columns_at, rows_at = (cells - cells.min(axis=0)).astype(int).T
     spec = _fit_numbers(family, numbers, columns_at, rows_at, is_charuco, marker_share=1 / step)
     if spec is None or np.mean(off < WORST_FIT) < LEAST_AGREE:
@@ -305,5 +312,6 @@ def _tell_chessboard(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
         return None
     # most pictures' size: a partly hidden board is found smaller
     (columns, rows), count = sizes.most_common(1)[0]
+    # a square's side is not known yet; counts are of squares, corners are one fewer
     unit = BoardSpec(kind="chessboard", columns=columns + 1, rows=rows + 1, square_mm=1.0)
     return FoundBoard(unit, count, len(pictures))

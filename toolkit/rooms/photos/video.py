@@ -156,6 +156,7 @@ def pick_frames(path: Path, every_s: float | None = None) -> list[int]:
     if every_s is not None and not 0.05 <= every_s <= LONGEST_S:
         raise FieldError(f"expected 0.05 to {LONGEST_S:g} seconds", {"every_s": every_s})
     path = Path(path)
+    # a time is divided into periods, and the sharpest frame of each is taken
     looks, fps = _look_through(path)
     if every_s is not None:
         windows: dict[int, list[FrameLook]] = {}
@@ -247,6 +248,7 @@ def _cached_reader(path: Path, mtime_ns: int) -> _Reader:
 def _look_through(path: Path) -> tuple[list[FrameLook], float]:
     with closing(_Reader(path)) as reader:
         fps, frame = reader.facts.fps, 0
+        # a dozen looks a second are enough to see movement
         step = max(1, round(fps / LOOKS_PER_S))
         looks: list[FrameLook] = []
         while frame < LONGEST_S * fps and (pixels := reader.step()) is not None:
@@ -264,6 +266,7 @@ def _look_through(path: Path) -> tuple[list[FrameLook], float]:
 
 def _read_start(path: Path) -> datetime | None:
     """When an MP4 or QuickTime film began, from its movie header (ISO/IEC 14496-12, 8.2.2)."""
+    # boxes within boxes: the header of the film lies in the box `moov`
     with path.open("rb") as file:
         end = path.stat().st_size
         movie = _find_box(file, b"moov", 0, end)

@@ -127,6 +127,7 @@ class Connection:
         self._calls += 1
         try:
             self._socket.settimeout(self.timeout_s)
+            # the number of the call comes back with its reply, so an answer to an earlier call is noticed
             self._socket.sendall(self._pack.pack([REQUEST, self._calls, method, list(arguments)]))
             with limit_memory(MOST_BYTES), without_collector():
                 reply = self._receive(method)
@@ -150,6 +151,7 @@ class Connection:
     def _receive(self, method: str) -> object:
         import msgpack
 
+        # a limit for the whole answer, however many pieces it comes in
         end = time.monotonic() + self.timeout_s
         while True:
             try:
@@ -225,6 +227,7 @@ def unpack_pose(found: object, where: str) -> np.ndarray:
     from scipy.spatial.transform import Rotation
 
     fields = read_fields(found, where)
+    # the order x, y, z, w is SciPy's as well
     position, turn = (read_fields(fields.get(name), where) for name in ("position", "orientation"))
     numbers = np.array([_number(position.get(f"{axis}_val")) for axis in "xyz"])
     quaternion = np.array([_number(turn.get(f"{axis}_val")) for axis in "xyzw"])
@@ -284,6 +287,7 @@ class Address:
         Raises:
             FieldError: another scheme, no host, a port that is none, or an unknown option.
         """
+        # urlsplit raises for a port out of range, parse_qs for an option without a value
         try:
             parts = urlsplit(text)
             host, port = parts.hostname, parts.port or PORT
@@ -292,6 +296,7 @@ class Address:
             raise FieldError(f"{EXPECTED} ({error})", {"renderer": text}) from None
         if parts.scheme != SCHEME or not host or parts.path.strip("/") or parts.fragment:
             raise FieldError(EXPECTED, {"renderer": text})
+        # a misspelt option must not fall back to its default unnoticed
         unknown = [name for name in options if name not in OPTIONS]
         if unknown:
             raise FieldError(f"no option called '{unknown[0]}': known: {', '.join(OPTIONS)}", {"renderer": text})
@@ -339,6 +344,7 @@ class AirSim:
         self._actors: dict[str, str] = {}
         self._spawned: list[str] = []
         try:
+            # any program may answer on that port: only a simulator answers this with a number
             version = self._rpc.call("getServerVersion")
             if not isinstance(version, int):
                 raise ToolkitError(f"{address}: getServerVersion says {show(version)}: expected a number, as AirSim's")
@@ -354,6 +360,7 @@ class AirSim:
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         """Take away what was spawned, clear the air and let the simulator run, if it still can."""
+        # the level is left as it was found; a failed clean-up must not hide the error that ended the run
         try:
             for name in self._spawned:
                 self._call("simDestroyObject", name)
@@ -388,11 +395,13 @@ class AirSim:
             for name in {**self._weather, **numbers}
             if numbers.get(name, 0.0) != self._weather.get(name, 0.0)
         }
+        # weather is switched on once, before its first parameter
         if changed and not self._weather:
             self._call("simEnableWeather", True)
         for name, number in changed.items():
             self._call("simSetWeatherParameter", WEATHER_NUMBERS[name], number)
             self._weather[name] = number
+        # drops and flakes come down in simulated time: it runs for a while, then pauses again
         if changed:
             self._call("simContinueForTime", SETTLE_S)
             self._wait_until_paused()
@@ -411,6 +420,7 @@ class AirSim:
         Raises:
             ToolkitError: there is neither, or it cannot be moved.
         """
+        # "out of sight" is a place far above everything
         away = np.eye(4)
         away[2, 3] = PARKED_UP_M
         pose = object_to_ned(away if T_world_object is None else T_world_object, self.address.origin)
@@ -434,6 +444,7 @@ class AirSim:
         Raises:
             ToolkitError: the camera never comes there, or a reply cannot be read.
         """
+        # pose and pictures come in the order in which the simulator gets them
         pose = camera_to_ned(T_world_camera, self.address.origin)
         self._call("simSetVehiclePose", pack_pose(pose), True, self.address.vehicle)
         miss = None
@@ -470,6 +481,7 @@ class AirSim:
 
     def _step(self) -> None:
         """Let some frames pass."""
+        # a server that cannot step by frames is stepped by time
         try:
             self._call("simContinueForFrames", STEP_FRAMES)
         except CallError as error:
@@ -486,9 +498,11 @@ class AirSim:
             time.sleep(0.002)
 
     def _find_actor(self, name: str, pose: np.ndarray) -> str:
+        # the name is a pattern to the server: if nothing is called so exactly, a single match counts
         seen = _texts(self._call("simListSceneObjects", f"{name}.*"))
         actor = name if name in seen else seen[0] if len(seen) == 1 else ""
         if not actor:
+            # what is not in the level is spawned from the asset, and taken away at the end
             if name not in _texts(self._call("simListAssets")):
                 raise ToolkitError(
                     f"{self.address}: neither an actor nor an asset is called '{name}': import {name}.glb, which "
@@ -499,11 +513,13 @@ class AirSim:
             if not actor:
                 raise ToolkitError(f"{self.address}: asset '{name}' cannot be spawned: see the simulator's log")
             self._spawned.append(actor)
+        # Cosys-AirSim numbers its things itself; elsewhere the object needs a colour of its own
         if not self.is_cosys:
             self._call("simSetSegmentationObjectID", actor, OBJECT_NUMBER, False)
         return actor
 
     def _get_images(self, *kinds: int) -> "list[_Image]":
+        # depth comes as floats, uncompressed; picture and segmentation come as PNG
         asked = [
             {
                 "camera_name": self.address.camera, "image_type": kind, "pixels_as_float": kind == DEPTH_PERSPECTIVE,
@@ -549,12 +565,14 @@ class _Image:
         fields = read_fields(reply, where)
         content, numbers = fields.get("image_data_uint8", b""), fields.get("image_data_float", [])
         width, height = fields.get("width"), fields.get("height")
+        # a reply is not trusted: a wrong size would otherwise fail deep inside NumPy
         if not isinstance(width, int) or not isinstance(height, int) or not isinstance(numbers, list):
             raise ToolkitError(f"{where}: expected width, height and a list of depths")
         if not 0 < width <= MAX_SIDE_PX or not 0 < height <= MAX_SIDE_PX:
             raise ToolkitError(
                 f"{where}: pictures of {show(width)} × {show(height)} px: see whether the camera is called so"
             )
+        # some servers send bytes as a list of numbers
         if not isinstance(content, bytes):
             listed = content if isinstance(content, list) else []
             is_bytes = all(isinstance(value, int) and 0 <= value < 256 for value in listed)
@@ -579,6 +597,7 @@ class _Image:
                 depth = np.array(self.numbers, np.float32).reshape(height, width)
         except (TypeError, ValueError):
             raise ToolkitError(f"{self.where}: a depth in it is no number") from None
+        # the sky has no depth: what a simulator writes instead becomes infinite
         return np.where((depth >= ENDLESS_M) | ~np.isfinite(depth), np.float32(np.inf), depth)
 
 

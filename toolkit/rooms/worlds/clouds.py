@@ -137,6 +137,7 @@ def lay_veils(directions: np.ndarray, amount: float, pixel_rad: float, rng: np.r
     levels = paint_levels(rng, TILE_PX, 1.5, 3)
     distance = reach_height(directions[:, 2], VEIL_M)
     lod = np.log2(distance * pixel_rad * TILE_PX / VEIL_TILE_M)
+    # a single direction for all streaks: the wind's
     angle = rng.uniform(0, np.pi)
     x, y = directions[:, 0] * distance / VEIL_TILE_M, directions[:, 1] * distance / VEIL_TILE_M
     along, across = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
@@ -173,6 +174,7 @@ def paint_levels(rng: np.random.Generator, side_px: int, slope: float, coarsest:
 
 def sample_noise(levels: list[np.ndarray], u: np.ndarray, v: np.ndarray, lod: np.ndarray) -> np.ndarray:
     """(n,) values of a pattern at (u, v), averaged over 2^lod of its texels; it repeats outside [0, 1]."""
+    # trilinear, as a texture unit does it: bilinear in two levels, then between these
     lod = np.clip(lod, 0, len(levels) - 1)
     below = lod.astype(np.int32)
     found = np.empty(len(u), np.float32)

@@ -40,7 +40,9 @@ def list_worlds(
 
     space = open_workspace(workspace)
     own = list_own_worlds(space)
+    # the studio comes first, though it is no world of these
     rows, skipped = [describe_studio()], []
+    # a name in the workspace hides the built-in world of that name
     names = [*(name for name in WORLDS if name not in own), *own]
     # a damaged world of the user's does not hide the others
     with progress("worlds", len(names)) as bar:
@@ -71,6 +73,7 @@ def describe_world(world: "World", file: Path | None) -> dict[str, Any]:
 
     from toolkit.rooms.worlds.world import SceneClass
 
+    # the surroundings outside the core are seen from afar only, so they do not count
     across = np.ptp(world.core, axis=0)
     return {
         "name": world.name, "file": None if file is None else str(file), "seed": world.seed,
@@ -153,7 +156,9 @@ def export(
         raise FieldError("expected a file that ends in .glb", {"out": out})
     item.check()
     opened = open_world(space, world, seed, scale)
+    # without an object the world alone is written
     mesh, title = opened.mesh, opened.name
+    # the sky plays no part in an export: the smallest will do
     if item.object_name is not None:
         stands = stand_object(space, opened, item, make_sky("noon", height_px=16), seed)
         mesh, title = merge_meshes([mesh, stands.in_world]), f"{title}-{item.title}"
@@ -206,6 +211,7 @@ def show_world(done: "WorldRun") -> None:
     for line in describe_weathers(done.results.weathers):
         say(line)
     cameras = summary["cameras"][-1]
+    # the summary counts cameras by reason, as "left out: REASON"
     left_out = ", ".join(f"{count} {key.partition(': ')[2]}" for key, count in cameras.items() if "left out" in key)
     say(
         f"{cameras['points']} points of the grid: {cameras['standing']} can hold a camera"

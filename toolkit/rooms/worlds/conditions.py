@@ -65,6 +65,7 @@ def check_weather(name: str, severity: int) -> None:
         ToolkitError: there is no weather of that name.
         FieldError: there is no such severity.
     """
+    # clear air is severity 0, and has no other
     if name not in ("clear", *NAMES):
         raise one_of("weather", name, ["clear", *NAMES])
     if severity not in ((0,) if name == "clear" else SEVERITIES):
@@ -103,6 +104,7 @@ def read_weathers(given: object) -> object:
     Raises:
         ToolkitError: there is no such weather or severity.
     """
+    # words come from the command line, pairs from a record that is read again
     each = [given] if isinstance(given, str) else given
     if not (isinstance(each, list | tuple) and all(isinstance(item, str | list | tuple) for item in each)):
         return given

@@ -288,6 +288,7 @@ def to_airsim(name: str, severity: int) -> dict[str, float]:
     """
     weather = make_weather(name, severity)
     numbers = {TO_AIRSIM[name]: severity / 5} if name in TO_AIRSIM else {}
+    # lying water and lying snow are parameters of their own in AirSim
     match weather:
         case Rain():
             numbers["Roadwetness"] = round(weather.wetted, 6)

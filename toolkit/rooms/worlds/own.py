@@ -129,6 +129,7 @@ def share_materials(mesh: Mesh) -> Mesh:
     index = []
     hashes: dict[int, str] = {}
     for material in mesh.materials:
+        # the picture's bytes, hashed once for each texture object, decide what looks alike
         sheet = hashes.setdefault(
             id(material.texture), sha256(np.ascontiguousarray(material.texture).tobytes()).hexdigest()
         )
@@ -187,16 +188,19 @@ def _upper_ground(mesh: Mesh, lowest: np.ndarray) -> np.ndarray:
 
 def classify_ground(mesh: Mesh, ground_z: np.ndarray) -> np.ndarray:
     """(m,) ground for what faces up about as low as anything near it, roofs above it, buildings else."""
+    # a face looks up if its normal is within 53 degrees of the vertical
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     up = normal[:, 2] > 0.6 * np.linalg.norm(normal, axis=1)
     centre = corners.mean(axis=1)
+    # the probe's cell that each face lies in
     low, high = mesh.bounds
     cell = (centre[:, :2] - low[:2]) / np.maximum(high[:2] - low[:2], 1e-6) * (PROBES + 1) - 1
     index = np.clip(np.round(cell).astype(int), 0, PROBES - 1)
     padded = np.pad(np.where(np.isnan(ground_z), np.inf, ground_z), 1, constant_values=np.inf)
     # the lowest of nine cells: a house that fills its own has ground beside it
     near = np.min([padded[i : i + PROBES, j : j + PROBES] for i in range(3) for j in range(3)], axis=0)
+    # height above the lowest ground nearby
     height = centre[:, 2] - near[index[:, 0], index[:, 1]]
     ground = up & (height < KERB_M)
     return np.where(ground, SceneClass.GROUND, np.where(up, SceneClass.ROOF, SceneClass.BUILDING))
@@ -305,6 +309,7 @@ def load_kit(path: Path, seed: int = 0) -> World:
     """
     path = Path(path)
     layout = read_toml(path, KitLayout)
+    # every piece's class goes with its faces: names say more than the shape
     meshes, classes, n_faces = [], [], 0
     kit: dict[str, Mesh] = {}
     # no more than needed to see that they are too many
@@ -329,6 +334,7 @@ def load_kit(path: Path, seed: int = 0) -> World:
 
 def _lay(layout: KitLayout, path: Path) -> Iterator[tuple[KitPiece, float, float, float]]:
     """Every tile with its place in metres."""
+    # the pieces' units become metres here
     side, depth = layout.tile * layout.scale, len(layout.rows)
     width = max(len(row) for row in layout.rows)
     for j, row in enumerate(layout.rows):
@@ -345,6 +351,7 @@ def _lay(layout: KitLayout, path: Path) -> Iterator[tuple[KitPiece, float, float
             for tile in layout.legend[letter]:
                 right, up, height = (layout.scale * v for v in tile.at)
                 yield tile, x + right, y + up, height
+    # pieces that do not stand on the grid are given in metres already
     yield from ((tile, *tile.at) for tile in layout.place)
 
 
@@ -396,6 +403,7 @@ def load_world(path: Path, scale: float = 1.0, seed: int = 0) -> World:
     path = Path(path)
     if path.suffix.lower() != ".toml":
         return load_mesh_world(path, scale, seed)
+    # a scale on the command line and another in the file could only contradict each other
     if scale != 1.0:
         raise ToolkitError(f"{path}: a kit's scale stands in its file, found another scale: correct 'scale' there")
     return load_kit(path, seed)
@@ -423,6 +431,7 @@ def open_world(space: Workspace, world: str, seed: int = 0, scale: float = 1.0) 
     Raises:
         ToolkitError: there is no such world, or its file cannot be used as a world.
     """
+    # a path, or a name in the workspace, comes before the built-in worlds
     own = list_own_worlds(space)
     file = own.get(world) or Path(world)
     if world in own or file.suffix.lower() in (*SUFFIXES, ".toml"):

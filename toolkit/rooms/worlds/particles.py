@@ -215,19 +215,24 @@ def _scatter(
 
 def _dot(streaks: _Streaks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Streaks as dots no more than a pixel apart: x, y, share of a pixel, and whose each is."""
+    # a dot in every pixel of the streak's length and width: each becomes a row of the arrays below
     whole = streaks.length + streaks.width
     steps = np.ceil(np.maximum(whole, 1)).astype(np.int64)
     rows = np.ceil(np.maximum(streaks.width, 1)).astype(np.int64)
     # a streak is a strip of dots, as wide as its blur
     counts = steps * rows
     owner = np.repeat(np.arange(len(counts)), counts)
+    # each dot's number within its own streak
     number = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
     step, row = np.divmod(number, rows[owner])
+    # dots lie evenly about the streak's middle
     along = (((step + 0.5) / steps[owner] - 0.5) * whole[owner]).astype(np.float32)
     aside = (((row + 0.5) / rows[owner] - 0.5) * streaks.width[owner]).astype(np.float32)
+    # beyond the straight part, the ends are round
     end = np.maximum(np.abs(along) - streaks.length[owner] / 2, 0)
     away = (end**2 + aside**2) / (streaks.width[owner] / 2) ** 2
     weight = np.where(rows[owner] > 2, np.maximum(1 - away, 0), 1)  # a disc that is soft at its edge
+    # the dots of a streak share its area, whatever their number
     weight *= (streaks.area / np.bincount(owner, weight, minlength=len(counts)))[owner]
     x = streaks.x[owner] + streaks.along_x[owner] * along - streaks.along_y[owner] * aside
     y = streaks.y[owner] + streaks.along_y[owner] * along + streaks.along_x[owner] * aside

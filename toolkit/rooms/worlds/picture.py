@@ -71,6 +71,7 @@ def develop_through(
     Args:
         through: how far away everything in it is, see `find_depths`.
     """
+    # the same grain for all weathers: images of a pair differ in the weather alone
     pictures, grain = [], draw_grain(light.shape, seed)
     for weather in weathers:
         seen = light
@@ -93,11 +94,13 @@ def find_depths(
     """
     names = {name for name, _ in weathers}
     ground = normals = None
+    # mesh 1 is the world: the object takes neither snow nor wet ground
     around = found["mesh"] == 1
     faces = found["face"][around]
     if names & {"rain", "snow"}:
         ground = np.zeros(around.shape, bool)
         ground[around] = np.isin(world.face_class[faces], LAND)
+    # snow needs to know which surfaces face up
     if "snow" in names:
         corners = world.mesh.vertices[world.mesh.faces[faces]]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -124,9 +127,11 @@ def write_film(path: Path, frames: Iterable[np.ndarray], size: tuple[int, int], 
         ToolkitError: this OpenCV writes no film, or the film cannot be read back whole: mostly a full disk.
     """
     make_folder(path.parent)
+    # written beside the final name, then renamed: an interrupted film leaves the old file
     partial = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.partial.mp4")
     try:
         writer = _open_writer(partial, size)
+        # OpenCV writes BGR
         for frame in frames:
             writer.write(np.ascontiguousarray(frame[..., ::-1]))
         writer.release()

@@ -100,6 +100,7 @@ def choose_places(
     free = [spot for spot in wide if is_clear(world, spot, radius_m)]
     if len(free) < count:
         raise _too_few(world, radius_m, count, spots, len(free))
+    # the draw that orders the places does not depend on how many are wanted
     rng = np.random.default_rng([seed, 50])
     shuffled = [free[k] for k in rng.permutation(len(free))]
     turns: dict[str, int] = {}
@@ -161,6 +162,7 @@ def place_object(mesh: Mesh, world: World, spot: Spot, sky: Sky) -> Placed:
     carrying = mesh.vertices[mesh.vertices[:, 2] <= low + CONTACT * float(np.ptp(mesh.bounds, axis=0).max())]
     under = level.to_world(carrying.astype(np.float64))
     height = _stand_height(world, spot, under)
+    # the spot's turn is the object's: along the street
     stand = Stand((spot.position[0], spot.position[1], round(height - low, 6)), spot.yaw_deg)
     placed = Placed(mesh, stand, make_scene(world, sky), spot)
     if not _has_free_box(world, placed):
@@ -178,6 +180,7 @@ def stand_object(space: Workspace, world: World, item: ObjectInWorld, sky: Sky, 
     """
     loaded = load_object(space.object_spec(item.object_name or ""))
     variant = item.variant or "unpatched"
+    # radius and place are judged at the size and in the variant that will stand there
     mesh = scale_to_world(apply_booster(loaded, find_booster(space, loaded, variant)), loaded.spec, item.length_m)
     if item.place is not None:
         spot = find_spot(world, item.place)

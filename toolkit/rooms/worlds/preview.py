@@ -168,12 +168,14 @@ def _draw_camera(draw: ImageDraw.ImageDraw, sheet: MapSheet, viewpoint: Viewpoin
 def _draw_scale(draw: ImageDraw.ImageDraw, sheet: MapSheet, world: World) -> None:
     """A bar of round length, north, and what the marks mean."""
     side = sheet.camera.width
+    # the longest round length that takes less than 30 % of the map
     length = max((bar_m for bar_m in BARS_M if bar_m * sheet.px_per_m < 0.3 * side), default=BARS_M[0])
     font, left, low = read_font("sans", 20), 30, side - 34
     right = left + length * sheet.px_per_m
     draw.line((left, low, right, low), fill=PATH, width=5)
     draw.text((left, low - 8), f"{length} m", PATH, font, anchor="ld", stroke_width=2, stroke_fill=INK_EDGE)
     draw.text((side - 30, 30), "N ↑", PATH, font, anchor="rt", stroke_width=2, stroke_fill=INK_EDGE)
+    # the legend names only what this map shows
     kinds = {spot.kind for spot in world.spots}
     rows: list[tuple[str, Ink]] = [(f"free {kind}", ink) for kind, ink in KINDS.items() if kind in kinds]
     rows += [("landing pad", PAD)] if world.pads else []
@@ -336,6 +338,7 @@ def preview_world(
     Raises:
         ToolkitError: nowhere in it is there room for a camera, or a file cannot be written.
     """
+    # the facts that every file depends on, for the record and the keys
     facts: dict[str, Any] = {"world": world.name, "world_sha256": world.sha256, "seed": settings.seed}
     if settings.renderer != RAYCAST:
         facts["renderer"] = settings.renderer
@@ -391,6 +394,7 @@ def preview_request(
         request.resolution, film_s=request.film_s, weathers=weathers, seed=seed, renderer=request.renderer
     )
     item.check()
+    # a panorama of the user's replaces the default times, but not times that were asked for
     times = request.times or (() if request.sky else DEFAULT_TIMES)
     wanted = check_times(tuple(dict.fromkeys(times)))
     skies = [load_sky(request.sky)] if request.sky else []
@@ -398,6 +402,7 @@ def preview_request(
     skies += [make_sky(time) for time in wanted]
     folder = out or space.worlds_dir / opened.name
     placed = None
+    # an object's images get a folder of their own, beside those of the empty world
     if item.object_name is not None:
         placed = stand_object(space, opened, item, skies[0], seed)
         folder = out or folder / item.title
@@ -417,12 +422,14 @@ def _make(show: _Show, renderer: Renderer, jobs: list[_Job], advance: Any) -> It
     first = jobs[0]
     sky = show.skies[first.sky]
     if first.kind == "picture":
+        # all weathers of a view come from a single render
         view = show.camera, show.viewpoints[first.item].T_world_camera
         seed = show.settings.seed, first.item
         pictures = see_through(renderer, show.world, sky, view, [job.weather for job in jobs], seed)
         yield from zip(jobs, map(encode_jpeg, pictures), strict=True)
     elif first.kind == "map":
         sheet = MapSheet.over(show.world, show.settings.map_px)
+        # a map is drawn over: no vignette
         above = tone_map(renderer.render(sheet.camera, sheet.T_world_camera), (show.settings.seed,), falloff=0.0)
         path = show.flight.points if show.settings.frames else None
         drawn = draw_map(above, sheet, show.world, show.viewpoints, path)
@@ -436,6 +443,7 @@ def _make_film(show: _Show, renderer: Renderer, advance: Any, key: str) -> None:
     """Frames first, each in a file, so that an interrupted film resumes; then the film of them."""
     folder = show.folder / FRAMES
     camera = Camera.from_fov(*show.settings.film_size, FOV_DEG)
+    # the key is in the name: frames of another request do not match
     poses = show.flight.poses(show.settings.frames)
     files = [folder / f"{key[:12]}-{k:05d}.jpg" for k in range(len(poses))]
     todo = [k for k, file in enumerate(files) if not file.is_file()]
@@ -453,6 +461,7 @@ def _make_film(show: _Show, renderer: Renderer, advance: Any, key: str) -> None:
         return read_image(file)
 
     write_film(show.folder / FILM, map(read, files), show.settings.film_size, len(files))
+    # the film is complete: its frames are no longer needed
     for file in folder.glob("*.jpg"):
         delete_file(file)
     if not any(folder.iterdir()):

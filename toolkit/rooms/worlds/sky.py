@@ -138,6 +138,7 @@ def make_sky(time: str | TimeOfDay = "noon", seed: int = 0, height_px: int = 512
     else:
         name, when = f"sun {time.sun_elevation_deg:g}°", time
     directions = find_directions(height_px)
+    # clouds and sky are needed above the horizon only
     above = directions[: height_px // 2].reshape(-1, 3)
     direct = sunlight(when.sun_elevation_deg, when.turbidity)
     # cloud cover above 0.85 blends the sky into an overcast
@@ -286,6 +287,7 @@ def load_sky(path: Path, azimuth_deg: float = 0.0) -> Sky:
         raise ToolkitError(
             f"{path}: {width} × {height} pixels: expected an equirectangular panorama, twice as wide as high"
         )
+    # damaged files first: a NaN would spread through the exposure to every image
     if not np.isfinite(panorama).all():
         raise ToolkitError(f"{path}: holds NaN or infinite values: save the panorama again without them")
     if panorama.min() < 0:

@@ -98,6 +98,7 @@ def clearance(world: World, points: np.ndarray) -> np.ndarray:
 
 def _choose_pose(world: World, level: Level, places: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """The best pose (4, 4) at any of the places."""
+    # each place looks in its own random direction and slope, then in seven others around
     turn = rng.uniform(0, 360, len(places))
     pitch = rng.uniform(*level.pitch_deg, len(places))
     best: list[np.ndarray] = []

@@ -52,6 +52,7 @@ class WorldSetting:
         Raises:
             ToolkitError: the mesh is larger than every place, or something stands wherever it was put.
         """
+        # places to train on and held-out places are kept apart by the phase of the draw
         rng, radius = draws.of("setting"), find_radius(mesh)
         spots = self.divide(mesh)[draws.phase == HELD_OUT]
         sky = self.skies[rng.integers(len(self.skies))]
@@ -62,6 +63,7 @@ class WorldSetting:
             shift, angle = (spot.free_radius_m - radius) * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
             x, y, z = spot.position
             place = (float(x + shift * np.cos(angle)), float(y + shift * np.sin(angle)), z)
+            # the object's turn is random, not that of the spot
             moved = replace(spot, position=place, free_radius_m=radius, yaw_deg=float(rng.uniform(0, 360)))
             try:
                 placed = place_object(mesh, self.world, moved, sky)
@@ -80,12 +82,14 @@ class WorldSetting:
         Raises:
             ToolkitError: it is hidden from wherever the camera was put.
         """
+        # the pose is drawn in the object's frame, then moved to where it stands
         points = renderer.outline - stand.place
         for _ in range(VIEWS_TRIED):
             fov_deg = float(rng.uniform(*FOV_DEG))
             camera = Camera.from_fov(settings.image_px, settings.image_px, fov_deg)
             pose = random_pose(rng, points, camera, settings.ranges)
             pose[:3, 3] += stand.place
+            # a glance of few pixels decides, before the full render
             if _is_seen(renderer, Camera.from_fov(GLANCE_PX, GLANCE_PX, fov_deg), pose):
                 return camera, pose
         place = ", ".join(f"{value:.1f}" for value in stand.place)

@@ -121,10 +121,12 @@ class World:
         Without solids, a point is inside if most of three rays meet the back of a face first.
         """
         points = np.asarray(points, np.float64).reshape(-1, 3)
+        # without known boxes, as in a user's file, rays decide
         if self.solids is None:
             return self._inside_by_rays(points)
         low, high = self.solids[:, :3], self.solids[:, 3:]
         found = np.zeros(len(points), bool)
+        # points by thousands, as every point is compared with every box
         for start in range(0, len(points), CHUNK):
             chunk = points[start : start + CHUNK, None]
             within = np.all((chunk > low) & (chunk < high), axis=2)

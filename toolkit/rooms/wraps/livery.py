@@ -57,6 +57,7 @@ def read_livery(item: TableObject, file: Path, keep: Sequence[str] = (), field: 
             for another object; the object's coordinates carry no single picture.
     """
     file = Path(file)
+    # the file itself tells which of the three it is
     folder, beside = file.parent if file.name == RECORD_FILE else file, file.with_suffix(".json")
     if folder.is_dir():
         wrap = read_wrap(folder)

@@ -70,7 +70,9 @@ def rank_entries(entries: Sequence[Judged]) -> list[Standing]:
     Neighbours are compared picture by picture, on the judges unseen by both. Each picture, with all judges and
     conditions, is a draw of the sign-flip test.
     """
+    # entries without a gain on unseen networks come last, and have no rank
     ranked = sorted(entries, key=lambda entry: (entry.score.rank_ci95 is None, -(entry.score.rank_ci95 or (0, 0))[0]))
+    # only neighbours are compared, and the p values are corrected for their number (Holm)
     pairs = [_compare(first, other) for first, other in pairwise(ranked)]
     adjusted = iter(adjust_holm([p for p in pairs if p is not None]))
     p_next = [None if p is None else next(adjusted) for p in pairs]
@@ -78,6 +80,7 @@ def rank_entries(entries: Sequence[Judged]) -> list[Standing]:
     for number, entry in enumerate(ranked, 1):
         low = entry.score.rank_ci95[0] if entry.score.rank_ci95 else None
         above = places[-1] if places else None
+        # equal lower ends share a rank
         is_tied = above is not None and low is not None and above.score.rank_ci95 is not None and (
             abs(above.score.rank_ci95[0] - low) < TIE
         )  # fmt: skip
@@ -157,6 +160,7 @@ def describe_renderers(entry: EntryRecord, summary: _RendererSummary) -> Iterato
         source.source: {booster.sha256 for booster in source.boosters if booster.variant == entry.variant}
         for source in (summary.rests_on or _Origin()).sources
     }
+    # a run counts for an entry only if it shows the entry's own boosters
     for agreement in summary.renderers:
         own = shown.get(agreement.sources[0], set())
         # summaries have the first digits of hashes

@@ -347,6 +347,7 @@ def open_space(entry: ChallengeEntry, folder: Path) -> Workspace:
         for suffix, file in entry.list_files(name):
             source = inside(entry.folder, file.relative_to(entry.folder).as_posix())
             write_bytes(target / f"{name}{suffix}", read_bytes(source, MOST_FILE_BYTES))
+    # poses follow from the objects alone: all entries are seen from the same places
     write_plan(space.plan_file, plan_poses(space, entry.objects))
     return space
 

@@ -236,6 +236,7 @@ def write_score(
     Raises:
         ToolkitError: as `count_score`, or the disk is full.
     """
+    # booleans are written as 0 and 1
     cells = ([int(value) if isinstance(value, bool) else value for _, value in outcome] for outcome in outcomes)
     text = encode_csv(list(JudgedPicture.model_fields), cells)
     # the score of the text as it is written; scores of other judges stay
@@ -243,6 +244,7 @@ def write_score(
     folder = find_run_dir(entry.folder / SCORE, score.may_replace)
     for note in explain_run_dir(entry.folder / SCORE, folder):
         notice(note)
+    # the score file comes last: where it is, all else is there
     for name, content in (pictures or {}).items():
         write_bytes(folder / PICTURES / f"{name}.png", content, entry.folder)
     write_text(folder / OUTCOMES, text, entry.folder)
@@ -346,6 +348,7 @@ def _estimate(pairs: Sequence[Answered]) -> tuple[float, Interval | None]:
 def build_score_table(score: Score) -> Table:
     """A line for each condition and variant, of all unseen and all seen judges."""
     shown = [row for row in score.rows if row.judge in (UNSEEN, SEEN) and row.object == POOLED]
+    # the pooled rows: each object's own rows are in the file
     cells = [
         [
             row.judge, f"{row.condition} {FOG_SEVERITY}" if row.condition == FOG else row.condition, row.variant,
@@ -470,6 +473,7 @@ def run_entry(
     if faults:
         more = f" (and {len(faults) - 1} more: 'toolkit challenge check {entry.folder}')" if len(faults) > 1 else ""
         raise ToolkitError(f"{entry.folder}: {faults[0]}{more}")
+    # two networks of the same weights would count twice
     if len({judge.weights.sha256 for judge in judges}) < max(1, len(judges)):
         raise FieldError("expected networks, each once", {"judge": [judge.name for judge in judges]})
     home = workspace.eval_dir / "challenge"
@@ -511,8 +515,10 @@ def _measure_looks(
     """Mean CIEDE2000 between the pictures without and with the booster, by object and pose."""
     space_root = home / entry.record.name
     plan = read_plan(space_root / "rig" / "plan.json")
+    # the pair of each pose, with and without the booster
     by_key = {(capture.object, capture.variant, capture.pose_id): capture for capture in captures}
     for name in entry.objects:
+        # only the object is compared, not the table and room around it
         scene = make_ray_scene(load_object(Workspace(space_root).object_spec(name)).mesh)
         camera = plan.camera
         # pixels whose rays meet the object
@@ -539,6 +545,7 @@ def _ask(
     looks: Mapping[tuple[str, int], float],
 ) -> Iterator[JudgedPicture]:  # fmt: skip
     space = Workspace(home / entry.record.name)
+    # the judge's own class of each object
     classes = find_true_classes(read_captures(space.captures_dir), space, judge)
     chosen = choose_corruptions((capture.object, capture.pose_id or 0) for capture in captures)
     paired = [capture for capture in captures if capture.variant in (UNPATCHED, entry.record.variant)]
@@ -546,11 +553,14 @@ def _ask(
     asked: list[tuple[str, Capture]] = [(CLEAR, capture) for capture in captures]
     asked += [(FOG, replace(capture, corruption=(FOG, FOG_SEVERITY))) for capture in paired]
     drawn = [chosen[capture.object, capture.pose_id or 0] for capture in paired]
+    # a corruption drawn for each object and pose, the same with and without the booster
     asked += [(CORRUPTED, replace(capture, corruption=own)) for capture, own in zip(paired, drawn, strict=True)]
     said, _ = predict_once([capture for _, capture in asked], classes, judge, home / "answers.jsonl")
+    # answers are for the very bytes of an image
     hashes = {capture.path: sha256_file(capture.file) for capture in captures}
     for (condition, capture), answer in zip(asked, said, strict=True):
         corruption, severity = capture.corruption or ("", 0)
+        # how much the booster changes the look: stated once, with the entry's own clear images
         is_own = condition == CLEAR and capture.variant == entry.record.variant
         yield JudgedPicture(
             judge_sha256=judge.weights.sha256, object=capture.object, pose=capture.pose_id or 0,

@@ -214,6 +214,7 @@ def _draw_severities(
 ) -> None:
     cells = summary.cells_of(row)
     without = summary.cells_of(before) if before else {}
+    # each severity has a bar beside the others, about the place of its corruption
     step = GROUP / max(len(summary.severities), MIN_GROUP)
     for i, severity in enumerate(summary.severities):
         # corruptions that were run at this severity, and their mean
@@ -233,6 +234,7 @@ def _draw_severities(
         else:
             colours = [shade(colour_of(name), severity) for name in names]
             panel.bar(x, [100 * share for share in top1], width=step * 0.94, color=colours, zorder=2)
+        # the same without patches, as a line over each bar
         if without:
             _draw_without(panel, x, step, [sum(without[key].top1 for key in own) / len(own) for own in shown], "-")
 
@@ -312,6 +314,7 @@ def _draw_means(panel: "Axes", summary: Summary, titles: Sequence[str]) -> "list
 
     has_mean = any(row.top1 is not None for row in summary.variants)
     for y, row in enumerate(summary.variants):
+        # without a mean over the common corruptions, clean images are shown
         share, wrong = (row.top1, row.wrong) if has_mean else (row.clean_top1, row.clean_wrong)
         if share is None:
             continue
@@ -328,6 +331,7 @@ def _draw_means(panel: "Axes", summary: Summary, titles: Sequence[str]) -> "list
             panel.hlines(y, 100 * row.top1_ci95[0], 100 * row.top1_ci95[1], color="#111111", lw=1.6, zorder=4)
         if has_mean and row.clean_top1 is not None:
             panel.plot(100 * row.clean_top1, y, marker="d", ms=7, mfc="white", mec="#111111", zorder=5, clip_on=False)
+        # the share beside the bar
         panel.annotate(f"{format_percent(share)} %", (101.5, y), va="center", fontsize=10, annotation_clip=False)
     panel.set_yticks(range(len(titles)), titles, fontsize=10)
     panel.tick_params(axis="y", length=0, pad=6)

@@ -125,6 +125,7 @@ def summarise(benchmark: Benchmark) -> Summary:
 def _collect(benchmark: Benchmark) -> list[Series]:
     """Group ranks by answerer, in their order, each with `unpatched` first."""
     n = len(benchmark.ids)
+    # the same network twice in a run would mix its ranks
     by_row: dict[tuple[str, str], Series] = {}
     for cell in benchmark.cells:
         who = (cell.variant, cell.recogniser)
@@ -140,6 +141,7 @@ def _collect(benchmark: Benchmark) -> list[Series]:
     # means over other cells would be other means
     if len({frozenset(series.ranks) for series in by_row.values()}) != 1:
         raise ValueError("every variant and answerer needs ranks under the same corruptions and severities")
+    # rows follow the order of the answerers, each with its unmodified images first
     answerers = list(dict.fromkeys(answerer for _, answerer in by_row))
     return sorted(by_row.values(), key=lambda series: (answerers.index(series.answerer), series.variant != UNPATCHED))
 
@@ -166,6 +168,7 @@ def _mean_corruption(
 def _mean_variant(
     series: Series, means: Sequence[CorruptionMean], common: Sequence[Condition], is_whole: bool, benchmark: Benchmark
 ) -> VariantMean:
+    # means over the whole benchmark only, as mean corruption errors are defined for it
     clean = [NOT_CORRUPTED] if NOT_CORRUPTED in series.ranks else []
     sizes = {entry["name"]: entry.get("patch_px") for entry in benchmark.about.get("variants", [])}
     own = [mean for mean in means if is_whole and mean.corruption in COMMON]
@@ -186,6 +189,7 @@ def _mean_of_all(values: Sequence[float | None]) -> float | None:
 
 
 def _count_cells(series: Series, unpatched: Series | None, corruptions: Sequence[str]) -> Iterator[BenchmarkCell]:
+    # clean images first, then corruptions in the benchmark's order
     order = {name: i for i, name in enumerate((CLEAN, *corruptions))}
     for key in sorted(series.ranks, key=lambda key: (order[key[0]], key[1])):
         ranks = series.ranks[key]
@@ -211,11 +215,13 @@ def _compare(
 ) -> Iterator[Difference]:
     if not common:
         return
+    # scores of single images: differences are paired image by image
     scores = {(series.variant, series.answerer): series.right(common) for series in every}
     bare = {series.answerer: series for series in every if series.variant == UNPATCHED}
     for series, row in zip(every, rows, strict=True):
         others: list[tuple[Against, str, str, np.ndarray]] = []
         before = bare.get(series.answerer)
+        # the same answerer without patches, and clean
         if series.variant != UNPATCHED and before is not None:
             others.append(("unpatched", UNPATCHED, series.answerer, scores[UNPATCHED, series.answerer]))
             if NOT_CORRUPTED in before.ranks:

@@ -272,9 +272,11 @@ def evaluate_benchmark(
     folder = workspace.eval_dir / "corruptions"
     run_dir = folder / check_run_name(grid.name)
     with (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as workers:
+        # notes on the networks belong to the result as well, each once
         doubts = dict.fromkeys(note for variant in variants for note in variant.classifier.notes)
         benchmark = run_grid(grid, folder / "cells.jsonl", (*doubts, *notes), workers)
     files = write_benchmark(run_dir, benchmark, draw_examples(grid, benchmark))
+    # classes that a set has pictures of, but no images: reported unless classes were chosen
     without_images: dict[str, list[str]] = {}
     for variant in variants if not config.classes else ():
         own = variant.patches.patches if variant.patches is not None else ()

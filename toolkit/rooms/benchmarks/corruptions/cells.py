@@ -217,6 +217,7 @@ def apply_variant(
     pixels: np.ndarray, shard: Shard, usable: np.ndarray, variant: Variant, config: CorruptEvalConfig
 ) -> ShardImages:
     """Put each image's patch on `pixels` of `load_shard`, rounded to 8 bits, as in a file."""
+    # unreadable images are left out of all variants alike
     used = [image for image, is_usable in zip(shard.images, usable, strict=True) if is_usable]
     ids = [image.id for image in used]
     # by the seed and the image's name alone, so that all variants have the same places

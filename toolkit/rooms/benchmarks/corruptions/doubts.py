@@ -66,6 +66,7 @@ def find_misnamed(is_right: np.ndarray, classes: np.ndarray, labels: Mapping[int
 
 def _find_trained(name: str, patches: PatchSet, data: str, hashes: set[str]) -> Iterator[str]:
     """Whether the patches of a set were trained on images of this data."""
+    # hashes are recorded by their first digits
     short, trained, is_alike = {sha256[:HASH_DIGITS]: sha256 for sha256 in hashes}, set[str](), False
     for patch in patches.patches.values():
         about = patch.record.data

@@ -92,6 +92,7 @@ def read_patch_set(workspace: Workspace, name: str, labels: list[str] | None) ->
     """
     from toolkit.objects.records import read_patch
 
+    # a set's file names do not matter: the record names the class
     patches: dict[int, Patch] = {}
     for file in workspace.with_patches(name).patches().values():
         patch = read_patch(file)

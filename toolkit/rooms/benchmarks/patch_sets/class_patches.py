@@ -109,6 +109,7 @@ def train_class_patches(
             disk is full.
     """
     engine = engine or EngineConfig()
+    # torchrun shares each patch over its processes, an engine shares out whole patches
     is_torchrun = current().count > 1
     if is_torchrun and engine != EngineConfig():
         raise FieldError("{engine} and {workers} share patches, torchrun shares each patch: choose either", {})
@@ -163,8 +164,10 @@ def _list_units(
     from toolkit.boosters.booster import read_finished
     from toolkit.boosters.patch import RENDERS, choose_files, hash_patch
 
+    # the network travels once to each worker
     shared, held = engine.share(network), None
     for name, order in orders.items():
+        # images of a class that cannot be read cost this class alone
         try:
             data = source.load(order.class_index)
         except ToolkitError as error:
@@ -189,6 +192,7 @@ def train_unit(
     """Do the work of a unit: `train_patch`, in the workspace if it `is_here`, else in a temporary folder."""
     from toolkit.boosters.patch import train_patch
 
+    # workers elsewhere do not see the workspace: their files come back as bytes
     with quietly(), nullcontext(order.out) if is_here else TemporaryDirectory() as folder:
         trained = train_patch(
             order.config, order.class_index, [network.get()], data.get(), workspace,
@@ -242,6 +246,7 @@ class _Source:
             path, reason = skipped[-1]
             raise ToolkitError(f"{self._images.name}: none of its {len(found)} images can be read; {path}: {reason}")
         use = "class" if class_index is not None else "backgrounds"
+        # the record says what the images stood for
         record = {"source": self._images.name, "use": use, "found": len(found), "used": len(pixels)}
         loaded = Loaded(np.stack(pixels), tuple(skipped), record, tuple(hashes))
         return divide_images([loaded], self._config.data())

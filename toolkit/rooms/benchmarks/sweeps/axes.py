@@ -214,6 +214,7 @@ def plan_units(
     for name in items:
         if name not in base.plan.objects:
             raise ToolkitError(f"object '{name}' is not in {workspace.plan_file}: run 'toolkit plan --object {name}'")
+    # an impossible value fails before anything is planned
     setups = {value: axis.change(base, value) for value in values}
     plan = _plan_trained if trained else _plan_unit
     units = [

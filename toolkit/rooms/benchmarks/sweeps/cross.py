@@ -54,6 +54,7 @@ def run_crossed(
     crossed = config.parse_cross()
     axes = (*(other.name for other, _ in crossed), axis.name)
     cells, made = list[dict[str, Any]](), list[SweepResult]()
+    # every combination is a sweep of its own, with captures and a report of its own
     for values in product(*(values for _, values in crossed)):
         base, labels = base_setup(workspace, config), []
         for (other, _), value in zip(crossed, values, strict=True):

@@ -77,10 +77,12 @@ def run_sweep(
     _check_classes(list(specs.values()), classifier)
     variants = config.shown()
     units = plan_units(workspace, axis, values, base, objects=list(specs), variants=variants, trained=config.trained)
+    # values that cannot be shot are listed, and the others are shot
     possible = [unit for unit in units if unit.refused is None]
     if not possible:
         raise ToolkitError(f"no value of the sweep can be shot: {units[0].label}: {units[0].refused}")
     folder = workspace.eval_dir / "sweeps" / axis.name
+    # the folder's name holds what differs besides the axis
     patches = "trained" if config.trained else workspace.patch_set
     renderer = None if base.settings.renderer == RAYCAST else base.settings.renderer
     name = "-".join(filter(None, (config.run or classifier.name, apart)))
@@ -138,6 +140,7 @@ def _shoot_units(
     workspace: Workspace, units: Sequence[SweepPoint], variants: Sequence[str], captures_dir: Path, engine: Engine
 ) -> tuple[int, int, set[str], list[tuple[str, str]]]:
     """Numbers of shot and kept images, paths of images of other units, and (what, reason) of failed images."""
+    # images of `capture-sim` and of other sweeps, by the hash of their inputs
     stored = dict(_find_stored(workspace))
     shot = kept = 0
     stale: set[str] = set()
@@ -146,6 +149,7 @@ def _shoot_units(
     # a single progress bar for all values
     with progress("shooting", images) as bar, quietly():
         for unit in units:
+            # with trained sets, each value has patches of its own
             space = workspace if unit.patch_set is None else workspace.with_patches(unit.patch_set)
             result = shoot_plan(
                 space, unit.setup.plan, [unit.object], variants, unit.setup.settings, source=unit.label,

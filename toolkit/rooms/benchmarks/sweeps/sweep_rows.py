@@ -84,6 +84,7 @@ class Sweep:
                 sizes[point.label, point.object] = (None, point.covered)
             elif point.refused is None and point.patch_mm is not None:
                 sizes[point.label, point.object] = (point.patch_mm, round(point.patch_mm / point.longest_mm, 4))
+        # pooled: a size that all objects share, the mean share of a wrap
         for label in {label for label, _ in sizes}:
             sides, shares = zip(*(size for (of, _), size in sizes.items() if of == label), strict=True)
             mean = round(sum(shares) / len(shares), 4)
@@ -192,6 +193,7 @@ def build_sweep_table(sweep: Sweep) -> "Table":
             numbers += [format_percent(group.top5), format_p(pair.outcomes.mcnemar_p if pair else None)]
             each = [groups.get((label, other, variant)) for other in others]
             rows.append([shown, variant, *numbers, *(format_percent(own.top1) if own else NONE for own in each)])
+    # objects only if they fit the console
     texts, heads = [sweep.axis.name, "variant"], ["n", "top-1 %", "95 %", "top-5 %", "p"]
     columns = zip([*texts, *heads, *others], *rows, strict=True)
     if sum(max(map(len, column)) + 1 for column in columns) > console.width:
@@ -229,6 +231,7 @@ def draw_sweep(path: Path, sweep: Sweep) -> Path:
 
 def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:
     has_scale = sweep.axis.is_ordered
+    # a scale places values by their number, else they stand side by side
     places = {label: float(value) if has_scale else float(i) for i, (label, value) in enumerate(sweep.values.items())}
     shots = max((group.n for group in sweep.groups if group.object == name), default=0)
     for i, variant in enumerate(sweep.variants):

@@ -95,6 +95,7 @@ def collect_rows(done: Evaluation | DetectionRun, left_out: str, trained_on: Seq
     """The pairs against `unpatched` of an evaluation."""
     judge, sha256 = done.summary["model"]["name"], done.summary["model"]["sha256"]
     rows = []
+    # only pairs against the unmodified object, in variants that are boosted
     for pair in done.pairs:
         if pair.first != UNPATCHED or pair.second not in BOOSTED:
             continue
@@ -119,6 +120,7 @@ def tabulate(rows: Sequence[JudgedRow], seen: bool) -> list[tuple[str, ...]]:
     """Cells of a table: each object for left-out networks, pooled rows for the others."""
     cells: list[tuple[str, ...]] = []
     several = len({row.object for row in rows} - {POOLED}) > 1
+    # left-out networks object by object; for networks that were trained on, the pooled row is enough
     for row in rows:
         is_pooled = row.object == POOLED
         if row.seen is not seen or (is_pooled and not several) or (seen and several != is_pooled):
@@ -285,6 +287,7 @@ def _judge(
         run=name_folder(judge.name), replace=True, saliency=False, objects=config.objects,
         corruptions=config.corruptions,
     )  # fmt: skip
+    # classifiers and detectors are judged by their own evaluation, and give the same rows
     if isinstance(judge, DetectorNetwork):
         rows = collect_rows(evaluate_detector(captures, space, judge.detector, settings), left_out, seen)
     else:

@@ -95,6 +95,7 @@ def mark_failed_gates(folder: CaptureFolder) -> CaptureFolder:
             logs[source_dir] = {f"{line.path} {line.image_sha256}": line for line in open_gates_log(source_dir).read()}
         line = logs[source_dir].get(f"{capture.path_in_source} {capture.image_sha256}")
         if line is not None:
+            # numbers of the photograph's own gates; gates of the whole set are not in that file
             failed = (f"{gate.name} {gate.value:.3g} {gate.unit}" for gate in line.results if gate.failed)
             capture = replace(capture, failed_gates=tuple(failed))
         captures.append(capture)
@@ -157,6 +158,7 @@ def retake_list(
     places: dict[tuple[str, str, int | None], int] = {
         (step.object, step.variant, step.pose_id): step.number for step in walk
     }
+    # only variants that were begun: a variant that was never shot is not missing pose by pose
     for shot in places:
         if shot[:2] in begun and shot not in known:
             failed[shot[0], shot[1], shot[2], ""] = [MISSING.judge(1)]
@@ -298,6 +300,7 @@ def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
         # a manifest's camera is believed only for the very image that it was written for
         if record is not None and record.image_sha256 == sha256 and record.T_world_camera is not None:
             return inspect_photo(pixels, expecter.expect_record(record))
+        # sorted by hand, or changed since: the camera is found anew by the board
         found = locate(photo, pixels)
         view, why = (None, found) if isinstance(found, str) else (found, "")
         return inspect_photo(pixels, expecter.expect(capture.object, capture.variant, capture.pose_id, view, why))

@@ -199,14 +199,17 @@ def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[Checke
         for variant in PAIR
     }
     findings = []
+    # either half of the pair may lack the other
     for variant, other in (PAIR, PAIR[::-1]):
         for pose_id, photo in sorted(poses[variant].items(), key=lambda item: item[0] or 0):
+            # a half that has not begun is no fault of the other's photographs
             if not poses[other]:
                 result = PARTNER.skip(f"'{other}' has no photograph yet")
                 findings.append(CheckedPhoto(name, variant, pose_id, (result,), path=photo.path))
             elif pose_id not in poses[other]:
                 advice = f"take it: the {variant} photograph is there"
                 findings.append(CheckedPhoto(name, other, pose_id, (PARTNER.judge(1, advice),)))
+            # a whole pair is reported once, by its first half
             elif variant == PAIR[0]:
                 findings.append(CheckedPhoto(name, variant, pose_id, (PARTNER.judge(0),), path=photo.path))
     for photo in photos:
@@ -219,6 +222,7 @@ def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[Checke
 def find_moved_patches(photos: Sequence[CheckedPhoto]) -> list[CheckedPhoto]:
     """Find for each photograph of an object how far its patch lies beside the others'; none without any patch."""
     findings = []
+    # patches are compared within a variant: another sheet may lie elsewhere
     for variant in sorted({photo.variant for photo in photos if photo.lines is not None}):
         group = [photo for photo in photos if photo.variant == variant]
         seen = [(photo, photo.lines) for photo in group if photo.lines is not None]
@@ -242,6 +246,7 @@ def find_wrong_sizes(
     for key in sorted({(photo.object, photo.variant) for photo in photos if photo.lines is not None} & set(sides_mm)):
         group = [photo for photo in photos if (photo.object, photo.variant) == key]
         lines = [photo.lines for photo in group if photo.lines is not None]
+        # each sheet has its own size
         for sheet, meant in enumerate(sides_mm[key]):
             which = f"sheet {sheet + 1}: " if len(sides_mm[key]) > 1 else ""
             side = measure_side(lines, sheet)

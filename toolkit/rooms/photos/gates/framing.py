@@ -178,11 +178,13 @@ def check_blur(grey: np.ndarray, mask: np.ndarray, sighting: BoardSighting | Non
 
     `grey` is (h, w) uint8, sRGB-encoded, `mask` (h, w) bool.
     """
+    # blur counts in pixels of the classifier, where it harms
     to_network = NETWORK_SIDE_PX / min(grey.shape)
     if sighting is not None and isinstance(board, CharucoBoard):
         width_px = measure_board_blur(grey, sighting, board)
         if width_px is not None:
             return BLUR.judge(width_px * to_network)
+    # without a board, edges of unknown sharpness
     width_px = measure_edge_blur(grey, mask)
     if width_px is None:
         return BLUR.skip("no edges are seen, neither of a board nor of anything else")
@@ -212,6 +214,7 @@ def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: Charuco
 def _list_edges(found: dict[tuple[int, int], np.ndarray], step: tuple[int, int], board: CharucoBoard) -> list[Edge]:
     """Both ends (2,) of each edge between corners that lie `step` apart, and the vector (2,) over its white square."""
     edges: list[Edge] = []
+    # neighbouring corners in the given direction form an edge
     for (row, column), start in found.items():
         end = found.get((row + step[0], column + step[1]))
         if end is None:
@@ -287,6 +290,7 @@ def measure_edge_blur(grey: np.ndarray, mask: np.ndarray) -> float | None:
         grey = cv2.resize(grey, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
         mask = cv2.resize(mask.astype(np.uint8), grey.shape[1::-1], interpolation=cv2.INTER_NEAREST) > 0
     coarse_px, light = COARSE_PX * max(0.5, min(grey.shape) / EDGE_SIDE_PX), grey.astype(np.float32)
+    # where the blurred picture is steepest: the middle of each edge
     x, y = _slopes(cv2.GaussianBlur(light, (0, 0), coarse_px))
     slope = np.hypot(x, y)
     peaks = mask & _is_ridge(slope, x, y)
@@ -294,9 +298,11 @@ def measure_edge_blur(grey: np.ndarray, mask: np.ndarray) -> float | None:
     peaks[[0, 1, -1, -2]] = peaks[:, [0, 1, -1, -2]] = False
     if peaks.sum() < LEAST_BIN:
         return None
+    # weak edges may be soft in themselves; only strong ones are measured
     peaks &= slope >= max(1.0, STRONG * float(np.percentile(slope[peaks], 98)))
     rows, columns = np.nonzero(peaks)
     normal = np.stack([x[peaks], y[peaks]], axis=1) / slope[peaks, None]
+    # the same edges behind a finer blur
     fine_x, fine_y = _slopes(cv2.GaussianBlur(light, (0, 0), FINE_PX))
     steepest = np.zeros(len(rows), np.float32)
     for step in (-2, -1, 0, 1, 2):  # the steepest place of the unblurred edge lies a little beside
@@ -307,6 +313,7 @@ def measure_edge_blur(grey: np.ndarray, mask: np.ndarray) -> float | None:
     # slopes are 1 / sqrt(w² + s²), so the squared ratio is (w² + coarse²) / (w² + fine²), which solves for w
     ratio = np.maximum((steepest / slope[peaks]) ** 2, 1 + 1e-3)
     width = np.sqrt(np.maximum((coarse_px**2 - ratio * FINE_PX**2) / (ratio - 1), 0)) / share
+    # the direction of each edge, in bins over half a turn
     direction = (np.arctan2(normal[:, 1], normal[:, 0]) % np.pi * BINS / np.pi + 0.5).astype(int) % BINS
     bins = [width[direction == i] for i in range(BINS)]
     # the sharper third of a direction: soft shadows and round shapes are not the camera's blur

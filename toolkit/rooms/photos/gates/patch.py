@@ -90,6 +90,7 @@ def search_region(image: np.ndarray, region: np.ndarray | None) -> SearchedPhoto
     photo = search_photo(image)
     if region is None:
         return photo
+    # a little beyond the region, as features have an extent
     near = cv2.dilate(region.astype(np.uint8), np.ones((3, 3), np.uint8), iterations=round(REACH * max(region.shape)))
     column, row = (photo.features.frames[:, :, 2] / photo.scale).T.astype(int)
     kept = near[row.clip(0, region.shape[0] - 1), column.clip(0, region.shape[1] - 1)] > 0
@@ -110,6 +111,7 @@ def look_for_patches(
         view: of the photograph, None if it is not known.
         shown: whether the view shows each of several sheets, from `list_shown`: each is looked for in its own place.
     """
+    # the patch that belongs on the object, or on the bare object the patch it would wear
     likely = patch.own or patch.home
     # places by mesh and mount; without a view, or behind the camera, a sheet may be anywhere
     seen_at = [view.project(sheet.corners_mm) for sheet in patch.sheets if view is not None]
@@ -120,6 +122,7 @@ def look_for_patches(
         if not PatchesSeen(found, None).lacks_own(shown):
             return PatchesSeen(found, None)
     elif likely is not None:
+        # the first place where the patch is found decides
         for expected in places:
             sighting = find_patch(photo, patch.patches[likely], expected)
             if sighting is not None:
@@ -200,7 +203,9 @@ def check_patch_shows(seen: PatchesSeen, expected: Sequence[np.ndarray | None]) 
     for sighting, cells in zip(seen.own, expected, strict=len(seen.own) > 1):
         if sighting is None:
             continue
+        # cells of the sheet that agree with the file
         agrees = sighting.agreement.ravel() >= CELL_SHOWS
+        # cells that this pose hides are not missed
         shows = np.ones(agrees.size, bool) if cells is None else cells
         if shows.mean() >= LEAST_SEEN:
             hidden.append(100.0 * float((~agrees[shows]).mean()))
@@ -251,13 +256,17 @@ def place_cells(sheet: MountedSheet, at: str = "object") -> PlacedSheet:
     side = sheet.size_mm + 2 * TAPE_MARGIN_MM
 
     def place(places: np.ndarray, values: np.ndarray) -> np.ndarray:
+        # printed and tape margin together make up the sheet; v grows downwards on the page and upwards in the texture
         right = (TAPE_MARGIN_MM + places[:, 0] * sheet.size_mm) / side
         up = 1 - (TAPE_MARGIN_MM + places[:, 1] * sheet.size_mm) / side
         run, share = (right, up) if along_u else (up, right)
         steps = np.linspace(0, 1, count)
+        # linear along the bend, on both long edges of the sheet
         edges = [np.stack([np.interp(run, steps, values[:, k, i]) for i in range(3)], axis=1) for k in (0, 1)]
+        # linear from edge to edge across it
         return edges[0] * (1 - share[:, None]) + edges[1] * share[:, None]
 
+    # normals are interpolated as well, so they need their length back
     outward = place(cell_centres(CELLS), normals)
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)

@@ -68,7 +68,9 @@ def align_shots(costs: np.ndarray) -> list[tuple[int, ...]]:
     # the cheapest way through (i, j) is the cheapest up to it plus the cheapest from it on, found backwards
     before, behind = _accumulate(costs), _accumulate(costs[::-1, ::-1])[::-1, ::-1]
     through = before[:n, :m] + costs + behind[1:, 1:]
+    # a photograph that belongs to no shot costs EXTRA
     without = np.array([float((before[i] + EXTRA + behind[i + 1]).min()) for i in range(n)])
+    # every assignment up to SURE dearer than the cheapest stays possible
     limit = before[n, m] + SURE
     return [
         tuple(np.flatnonzero(through[i] <= limit).tolist()) + ((NO_SHOT,) if without[i] <= limit else ())
@@ -102,6 +104,7 @@ class Clues:
         if item.unusable is not None:
             return costs
         groups = list(dict.fromkeys((shot.object, shot.variant) for shot in shots))
+        # evidence adds up: each source of it costs where it speaks against a shot
         if item.named is not None:
             costs += [0.0 if shot.pose_id == item.named else WRONG for shot in shots]
         if item.located is not None:
@@ -109,8 +112,10 @@ class Clues:
         try:
             costs += self._weigh_objects(item, shots)
             costs += self._weigh_patches(item, shots, groups)
+            # wraps need the camera, likeness is for photographs without it
             if item.located is not None:
                 costs += self._weigh_wraps(item, shots, item.located)
+            # renders are compared only for small groups, since each takes time
             if item.located is None and len(shots) <= MOST_SHOTS:
                 costs += self._weigh_likeness(item, shots, groups)
         except UnreadableImage:
@@ -145,6 +150,7 @@ class Clues:
         """Cost of another variant's patch, or of a patch that lies otherwise than from its pose, or is not seen."""
         photo: SearchedPhoto | None = None
         seen: dict[Group, np.ndarray | None] = {}
+        # the patch of each group is looked for once
         for group in groups:
             patch = self._find_patch(group)
             if patch is not None:
@@ -153,6 +159,7 @@ class Clues:
                 seen[group] = None if sighting is None else sighting.corners_px
         if not seen:
             return np.zeros(len(shots))
+        # a patch that is nowhere seen speaks against all variants that have a patch
         if all(corners is None for corners in seen.values()):
             return np.array([UNSEEN if (shot.object, shot.variant) in seen else 0.0 for shot in shots])
         return np.array([self._compare_corners(shot, seen.get((shot.object, shot.variant))) for shot in shots])

@@ -79,6 +79,7 @@ def collect_evidence(
     """
     # object and variant by settings, folders and names; the shot list places the others
     every = _find_groups(candidates, plan, steps, index, settings)
+    # photographs of which nothing names object and variant
     ungrouped = [i for i, item in enumerate(every) if item.group is None and item.unusable is None]
     ungrouped = [i for i in ungrouped if candidates[i].photo.identity not in index.replaced]
     new = [i for i, candidate in enumerate(candidates) if describe_imported(index, candidate.photo) is None]
@@ -87,6 +88,7 @@ def collect_evidence(
             "nothing says what the photographs show: give {object} and {variant}, sort them into folders "
             "OBJECT/VARIANT, or write a shot list with 'toolkit plan --shot-list' and follow it", {},
         )  # fmt: skip
+    # the order is judged group by group
     groups: dict[Group, list[int]] = {}
     for i, item in enumerate(every):
         if item.group is not None:
@@ -124,6 +126,7 @@ def _find_groups(
     every = []
     for candidate in candidates:
         group, unusable = None, None
+        # photographs that gave way to others are not taken again
         if candidate.photo.identity not in index.replaced:
             record = index.current.get(candidate.photo.identity)
             found = find_group(candidate, plan.objects, variants, (settings.object, settings.variant))
@@ -142,17 +145,20 @@ def _match_orders(
 ) -> None:  # fmt: skip
     """Add to each photograph the evidence of the order of shooting and of its file name."""
 
+    # an order is a shot for each photograph, or why there is none
     def take(indices: list[int], found: list[CaptureKey] | str) -> None:
         for at, i in enumerate(indices):
             says = {"no_order": found} if isinstance(found, str) else {"ordered": found[at]}
             every[i] = replace(every[i], **says)
 
+    # of a group, object and variant are known: only the pose is open
     for group, indices in groups.items():
         pose_ids = {pose.id for pose in plan.objects[group[0]]}
         named = read_named_poses([every[i].candidate for i in indices], pose_ids, settings.match == "name")
         for i, pose_id in zip(indices, named, strict=True):
             every[i] = replace(every[i], named=pose_id)
         take(indices, match_group_order(len(indices), group, plan, steps))
+    # without a group, the shot list gives object and variant as well
     if ungrouped and steps:
         take(ungrouped, match_session_order(len(ungrouped), steps, settings.first_shot))
     elif ungrouped:
@@ -161,6 +167,7 @@ def _match_orders(
 
 def is_followed(evidence: Sequence[Evidence], plan: CapturePlan) -> bool:
     """Whether photographs follow the order of shooting, by boards, names and renders; True without any of these."""
+    # the surest evidence of each photograph: board, name, likeness
     agreements = []
     for item in evidence:
         if item.ordered is None:
@@ -181,6 +188,7 @@ def compare_with_renders(every: list[Evidence], chosen: Sequence[int], rank: Ran
     The photographs of an object's variant are assigned to its ordered poses by their likeness to renders. They look
     like other poses if that exchanges photographs and gains `EXCHANGED` or more.
     """
+    # only poses that rest on the order alone are compared
     groups: dict[Group, list[int]] = {}
     for i in chosen:
         item = every[i]
@@ -250,6 +258,7 @@ def find_group(
     Returns:
         (object, variant); None if either is unknown; a sentence if the settings and the names disagree.
     """
+    # folders, then the words of the file's name
     words = [*candidate.folders, *re.split(r"[\s_.]+", candidate.photo.path.stem)]
     group = []
     for kind, known, said in (("object", objects, forced[0]), ("variant", variants, forced[1])):
@@ -297,6 +306,7 @@ def match_session_order(count: int, steps: Sequence[ShotStep], first: int | None
 
     `first` is the number of the first photograph's shot, if the list was shot in parts.
     """
+    # a count that differs may mean any gap: nothing is guessed
     if first is None and count != len(steps):
         return (
             f"{count} photographs for the {len(steps)} shots of rig/shots.json; for a part of the list, give its first "

@@ -127,6 +127,7 @@ def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], l
     Files of the same name in a folder (IMG_1.HEIC, IMG_1.DNG, IMG_1.MOV) are the same shot if they have the same time,
     or if the video is the short film of a live photo.
     """
+    # files of a shot share a folder and a name without its suffix
     groups: dict[tuple[Path, str], list[Candidate]] = {}
     for candidate in candidates:
         path = candidate.photo.path
@@ -156,6 +157,7 @@ def drop_twins(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[L
 
     Only such names are compared: from a tripod, pictures of other variants may look the same.
     """
+    # originals and copies of the same name, tails such as "copy" aside
     groups: dict[tuple[Path, str], list[Candidate]] = {}
     for candidate in candidates:
         path = candidate.photo.path
@@ -246,6 +248,7 @@ def _take_frames(candidate: Candidate, every_s: float | None) -> Iterable[Candid
         frames = pick_frames(photo.path, every_s)
         facts = read_video(photo.path)
         bar.advance()
+    # a frame was taken so long after the video began
     photos = (replace(photo, frame=frame, taken=facts.taken_at(frame)) for frame in frames)
     return [replace(candidate, photo=photo, label=f"{candidate.label} frame {photo.frame}") for photo in photos]
 
@@ -299,12 +302,15 @@ def index_source(source_dir: Path) -> SourceIndex:
     Lines of replaced images, which a killed run may leave, are removed. A broken manifest is a `ToolkitError`.
     """
     records = read_manifest(source_dir)
+    # images that a retake replaced are kept aside with records of their own
     kept_aside = read_manifest(source_dir / REPLACED).values()
     replaced = {original: record for record in kept_aside if (original := find_original(record))}
+    # the image of a replaced line is gone, its line may still be there
     gone = (path for path, record in records.items() if find_original(record) in replaced)
     stale = {path for path in gone if not inside(source_dir, path).is_file()}
     drop_records(source_dir, stale)
     records = {path: record for path, record in records.items() if path not in stale}
+    # only what is on disk as recorded counts as imported
     whole = (record for record in records.values() if find_original(record) and is_whole(source_dir, record))
     current = {original: record for record in whole if (original := find_original(record))}
     return SourceIndex(source_dir, current, replaced, records)
@@ -331,6 +337,7 @@ def find_images(index: SourceIndex, key: CaptureKey) -> list[Path]:
     for file in sorted(folder.iterdir()):
         if file.name.startswith(".") or not is_image_name(file.name) or not file.is_file():
             continue
+        # the manifest knows the pose; of images put there by hand, their names
         record = index.records.get(show_path((key.object, key.variant, file.name)))
         pose_id = record.pose_id if record is not None and record.pose_id is not None else read_pose_id(file.name)
         if pose_id == key.pose_id:

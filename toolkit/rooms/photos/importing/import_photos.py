@@ -109,6 +109,7 @@ def measure_coverage(
         others = {variant for other, variant in own if other == object_name} - set(PAIR)
         for variant in (*PAIR, *sorted(others)):
             group = (object_name, variant)
+            # images count, however they got there
             there = {pose_id for pose_id in ids if find_images(index, CaptureKey(*group, pose_id))}
             rows.append(Coverage(
                 *group, now[group], len(there), tuple(pose for pose in ids if pose not in there),
@@ -121,6 +122,7 @@ def count_variants(
     index: SourceIndex, whole: Sequence[CaptureRecord], imported: Sequence[CaptureRecord]
 ) -> tuple[Coverage, ...]:  # fmt: skip
     """`measure_coverage` of photographs without a plan: missing are the poses of the object's other variants."""
+    # poses that any variant of the object has
     poses: dict[str, set[int]] = {}
     there: dict[tuple[str, str], set[int]] = {}
     for record in whole:
@@ -202,6 +204,7 @@ def import_photos(
             contradict each other, or a disk that is full or read-only.
     """
     settings = settings or ImportSettings()
+    # two imports at once would give a pose to two photographs
     with hold_folder(workspace.source_dir(settings.source)):
         return _import_photos(
             workspace,
@@ -266,9 +269,11 @@ def _import_pairs(
     listed = [record.path for identity, record in index.current.items() if identity in placed]
     check_classes(workspace, rows, index, listed)
     resolved, moved = settle_moves(matched, index, settings, ask)
+    # a board only adds the camera: object, variant and pose come from the table
     refused = matched.refused
     if locate is not None:
         resolved = _locate_pairs(resolved, locate, notes)
+    # two rows with the same picture under different names
     resolved = drop_copies(resolved, refused)
     stored = {item.candidate.photo.identity for item, _ in resolved}
     moved = [record for record in moved if find_original(record) in stored]
@@ -287,6 +292,7 @@ def _question_order(gathered: Gathered, ordered: Sequence[Evidence]) -> list[str
     """Notes on photographs that their order alone places."""
     if not ordered:
         return []
+    # the notes: ties in time, likeness to another pose, another pose in the name, no second evidence
     notes = [] if gathered.by_time else ["the photographs have no times: they are ordered by name"]
     labels = {item.candidate.label for item in ordered}
     ties = [tie for tie in gathered.find_ties() if labels & set(tie)]
@@ -352,6 +358,7 @@ def _finish(
     notes: list[str], coverage: Callable[[SourceIndex, Sequence[CaptureRecord]], tuple[Coverage, ...]],
 ) -> ImportResult:  # fmt: skip
     """Write the cameras' file, and return the result; `index` is from before the import."""
+    # what this run imported is not counted as imported before
     new = {record.made.get("original_sha256") for record in imported}
     before = [
         (candidate.label, where)

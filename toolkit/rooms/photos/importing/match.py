@@ -82,6 +82,7 @@ def decide_pose(
     # name and order, and the nearest pose by the board
     claims = _collect_claims(evidence, how)
     match = match_pose(evidence.located.T_world_camera, plan.objects[group[0]]) if evidence.located else None
+    # renders decide only where nothing else does, or where that is asked for
     if how == "render" or (how == "auto" and match is None and not claims and by_render):
         return by_render(evidence, group) if by_render else Doubt("matching by render needs the object's mesh")
     if how in ("name", "order") or match is None:
@@ -122,6 +123,7 @@ def _decide_by_claims(
             "order": why or "its place in the order is not known",
         }
         return Doubt(reasons[how])
+    # evidence that contradicts itself is a doubt, however many agree
     if len(poses) > 1:
         said = join_words(f"its {what} says pose {pose}" for what, pose in claims.items())
         return Doubt(said, tuple(CaptureKey(*group, pose) for pose in poses))
@@ -168,6 +170,7 @@ class RenderMatcher:
                 )
             except ToolkitError as error:
                 self._made[group] = str(error)
+        # an error is kept as well, so that it is found out once
         templates = self._made[group]
         if isinstance(templates, str):
             return templates
@@ -183,6 +186,7 @@ class RenderMatcher:
         if isinstance(found, str):
             return Doubt(f"{why}, and no render can be made: {found}")
         best = CaptureKey(*group, found.pose_id)
+        # two poses that look alike: a person decides
         if not found.ambiguous:
             return Decision(best, "render")
         if found.runner_up is None:

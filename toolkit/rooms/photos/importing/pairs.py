@@ -61,6 +61,7 @@ def read_pairs(file: Path) -> list[PairRow]:
         ToolkitError: no such file, a column or a value is missing, a name is not allowed, or two lines contradict.
     """
     table = read_foreign_table(file, MOST_BYTES)
+    # the class is optional, and columns may stand in any order
     places = {name: table.find([name]) for name in (*COLUMNS, "class")}
     if missing := [name for name in COLUMNS if places[name] is None]:
         raise ToolkitError(f"{file}: line 1: no column {', '.join(missing)}: expected file,object,variant,pose[,class]")
@@ -113,9 +114,11 @@ def number_poses(rows: Sequence[PairRow], earlier: Sequence[CaptureRecord] = ())
     """
     names: dict[str, dict[str, None]] = {}  # as a set that keeps its order
     for row in rows:
+        # poses in the order in which the table names them
         names.setdefault(row.object, {})[row.pose] = None
     numbers: dict[tuple[str, str], int] = {}
     for name, poses in names.items():
+        # numbers that an earlier table gave: images of them exist
         known = {
             str(record.made["pose"]): record.pose_id
             for record in earlier
@@ -125,10 +128,12 @@ def number_poses(rows: Sequence[PairRow], earlier: Sequence[CaptureRecord] = ())
         # "1" and "01" are different words for the same number
         if are_numbers and len({int(pose) for pose in poses}) == len(poses):
             own = {pose: int(pose) for pose in poses}
+        # words are numbered in order; known words keep their number
         else:
             taken = set(known.values())
             free = (number for number in count(1) if number not in taken)
             own = {pose: known[pose] if pose in known else next(free) for pose in poses}
+        # a number must not change its meaning while images of it are there
         words = {number: word for word, number in known.items()}
         for pose, number in own.items():
             other = words.get(number)
@@ -186,6 +191,7 @@ def match_pairs(
                 found.refused.append((candidate.label, "the table of pairs does not list it"))
             continue
         if against := _contradict_folder(candidate, row, names):
+            # a folder that names another object or variant speaks against the table
             found.refused.append((candidate.label, against))
             continue
         key = CaptureKey(row.object, row.variant, numbers[row.object, row.pose])
@@ -267,6 +273,7 @@ def settle_moves(
 
     An image that cannot leave stays in the way of the next, so this repeats until nothing changes.
     """
+    # each round may put an image back that another waits for
     moved = dict(matched.moved)
     while True:
         refused: list[tuple[str, str]] = []

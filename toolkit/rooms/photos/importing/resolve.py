@@ -38,6 +38,7 @@ def resolve_photos(
         outcome: Decision | Doubt
         if item.unusable is not None:
             outcome = Doubt(item.unusable)
+        # the user's own word settles everything
         elif settings.pose is not None and settings.object and settings.variant:
             key = CaptureKey(settings.object, settings.variant, settings.pose)
             outcome = Decision(key, "user", measure_match(item, key, plan))
@@ -139,11 +140,13 @@ def _find_other(
         if path in leaving:
             continue
         record = index.records.get(path)
+        # put there by hand, or changed since
         if record is None or record.image_sha256 != sha256_file(file):
             # a run that was killed between image and record left this very photograph without a line
             if sha256_file(file) == sha256_bytes(encode_photo(photo)):
                 continue
             return path, None, None
+        # an older record may have no time
         taken = None
         with suppress(ValueError, TypeError):
             taken = datetime.fromisoformat(record.made.get("taken", ""))

@@ -56,6 +56,7 @@ def read_subject(workspace: Workspace, name: str, variant: str) -> tuple[Subject
     if booster is None:
         return Subject(None, made), None
     made |= note_booster(booster)
+    # where the sheet lies goes into the record, so a moved sheet shows
     if place := booster.describe_place(item):
         made["sheet_sha256"] = sha256_json(place)
     return Subject(booster.sha256, made), None
@@ -86,10 +87,12 @@ def store_photo(
         UnreadableImage: the photograph does not decode.
     """
     photo, key, root = evidence.candidate.photo, decision.key, index.source_dir
+    # the bytes that will be written, and their hash in the record
     content = encode_photo(photo)
     name = f"pose_{key.pose_id:02d}{SUFFIXES[photo.kind]}"
     file = root / key.object / key.variant / name
     record = _describe(evidence, decision, subject, sha256_bytes(content))
+    # gates judge before anything is written, and never keep a photograph out
     if check is not None:
         verdicts = check(photo, load_pixels(photo), record)
         advice = [f"{verdict.name}: {verdict.advice}" for verdict in verdicts if verdict.failed]
@@ -108,6 +111,7 @@ def store_photo(
     for path in old:
         if path != file:
             delete_file(path)
+    # the manifest's line comes after the image: a line always has its image
     append_record(root, record)
     drop_records(root, {show_path(path.relative_to(root).parts) for path in old if path != file})
     return record, linked

@@ -230,10 +230,13 @@ def draw_patch(patch: np.ndarray, warp: PatchWarp, shape: tuple[int, ...]) -> Dr
         return None
     left, top, uv = placed
     h, w = uv.shape[:2]
+    # enlarged to the size in the photograph, so that texels keep their sharp edges
     source = _enlarge(patch, warp)
     m = source.shape[0]
+    # several samples for each pixel, averaged as a sensor does
     fine = cv2.resize((uv * m).astype(np.float32), (w * SAMPLES, h * SAMPLES), interpolation=cv2.INTER_LINEAR)
     picture = cv2.resize(sample_image(source, fine), (w, h), interpolation=cv2.INTER_AREA).reshape(h, w, -1)
+    # a pixel on the rim shows patch and table together
     reach = np.abs(np.stack(np.gradient(uv, axis=(0, 1)), -1)).sum(axis=-1) / 2
     inside = ((uv > reach) & (uv < 1 - reach)).all(axis=-1)
     return Drawn(picture, inside, left, top, uv)
@@ -241,6 +244,7 @@ def draw_patch(patch: np.ndarray, warp: PatchWarp, shape: tuple[int, ...]) -> Dr
 
 def place_cut(warp: PatchWarp, shape: tuple[int, ...]) -> tuple[int, int, np.ndarray] | None:
     """Return the cut of the photo with the patch: left, top, and (h, w, 2) places on the patch; or None."""
+    # the outline in the photograph, with a margin, bounds the cut
     rim = np.linspace(0, 1, 9)
     outline = np.concatenate([np.stack([rim, 0 * rim + k], 1) for k in (0, 1)])
     outline = warp.to_pixels(np.concatenate([outline, outline[:, ::-1]]))
@@ -253,6 +257,7 @@ def place_cut(warp: PatchWarp, shape: tuple[int, ...]) -> tuple[int, int, np.nda
     columns, rows = -(-w // INVERSE_EVERY_PX) + 1, -(-h // INVERSE_EVERY_PX) + 1
     y, x = np.mgrid[:rows, :columns] * float(INVERSE_EVERY_PX)
     coarse = warp.to_patch(np.stack([x + low[0], y + low[1]], -1).reshape(-1, 2)).reshape(rows, columns, 2)
+    # pixel centres, in the coarse grid's own coordinates
     y, x = (np.mgrid[:h, :w] + 0.5) / INVERSE_EVERY_PX + 0.5
     uv = sample_image(coarse.astype(np.float32), np.stack([x, y], -1)).astype(float)
     return int(low[0]), int(low[1]), uv
@@ -296,6 +301,7 @@ def align(grey: np.ndarray, patch_grey: np.ndarray, start: PatchWarp) -> PatchWa
     """
     best = warp = start
     best_score = float(agreement(grey[..., None], patch_grey, start).mean())
+    # from stiff to soft: the place first, then the bend
     for stiffness in STIFFNESS:
         drawn = draw_patch(patch_grey, warp, grey.shape)
         if drawn is None or drawn.inside.sum() < 4 * LEAST_PIXELS:
@@ -306,6 +312,7 @@ def align(grey: np.ndarray, patch_grey: np.ndarray, start: PatchWarp) -> PatchWa
             break
         score = float(agreement(grey[..., None], patch_grey, warp).mean())
         if score < HOPELESS and best_score < HOPELESS:
+            # neither the start nor this round shows the patch
             break
         # only once the sheet may bend: a flat round that gains little may be followed by a round that bends
         converged = stiffness < 0.02 and score < best_score + CONVERGED
@@ -355,6 +362,7 @@ def agreement(photo: np.ndarray, patch: np.ndarray, warp: PatchWarp) -> np.ndarr
     drawn = draw_patch(patch, warp, photo.shape)
     if drawn is None:
         return np.zeros((CELLS, CELLS))
+    # the cell of each pixel that shows the patch
     cell = (np.clip(drawn.uv[drawn.inside], 0, 0.999) * CELLS).astype(int) @ [1, CELLS]
     ours, theirs = drawn.picture[drawn.inside], drawn.cut(photo)[drawn.inside]
     count = np.bincount(cell, minlength=CELLS**2)
@@ -365,6 +373,7 @@ def agreement(photo: np.ndarray, patch: np.ndarray, warp: PatchWarp) -> np.ndarr
 
     # the cell's own mean is taken out, so that a shadow over a cell does not make it unlike
     ours, theirs = ours - mean(ours)[cell], theirs - mean(theirs)[cell]
+    # normalised correlation, over all channels together
     both, own_power, other = (mean(a * b).sum(axis=1) for a, b in ((ours, theirs), (ours, ours), (theirs, theirs)))
     size = np.sqrt(own_power * other)
     known = (count >= LEAST_PIXELS) & (size > LEAST_CONTRAST**2)

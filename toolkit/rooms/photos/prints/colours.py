@@ -100,11 +100,13 @@ def read_colours(
         ToolkitError: there is no white, or too little of the patch shows and is not over-exposed.
     """
     # pixels of the patch that show and are not over-exposed
+    # colours need fewer pixels than a place does
     scale = min(1.0, COLOUR_PX / sighting.warp.side_px)
     small, warp = shrink_image(image, scale), sighting.warp.scaled(scale)
     drawn = draw_patch(np.zeros((8, 8, 1), np.float32), warp, small.shape)
     if drawn is None:
         raise ToolkitError("the patch lies outside of the photo")
+    # only where the picture agrees with the file: a finger or glare is no ink
     cell = (np.clip(drawn.uv, 0, 0.999) * len(sighting.agreement)).astype(int)
     shows = sighting.agreement[cell[..., 1], cell[..., 0]] >= CELL_SHOWS
     rows, columns = np.nonzero(drawn.inside & shows & (drawn.cut(small) < CLIPPED).all(axis=2))
@@ -173,9 +175,11 @@ def _margin_white(photo: np.ndarray, warp: PatchWarp, width: float, brightest: n
     at = warp.to_pixels(uv)
     inside = ((at >= 0.5) & (at <= np.array(photo.shape[1::-1]) - 0.5)).all(axis=1)
     seen = sample_image(photo, at[:, None])[:, 0]
+    # in the picture, and not over-exposed
     good = inside & (seen < CLIPPED).all(axis=1)
     if good.sum() < len(uv) / 3:
         return None
+    # darker than the patch's own brightest colours: it is no paper, but the table
     fit = _fit_paper(srgb_to_linear(seen[good] / 255.0).astype(float), uv[good])
     return None if fit is None or (fit[2] < LEAST_WHITE * brightest).any() else fit
 
@@ -280,6 +284,7 @@ def solve_cube(weights: sparse.csr_matrix, seen: np.ndarray, trust: np.ndarray) 
     cost = np.zeros((m + usual.shape[1],) * 2)
     cost[-m:, -m:] = SMOOTHNESS * bending(round(m ** (1 / 3))) + SMALLNESS * np.eye(m)
     cost += TINY * np.eye(len(cost))
+    # robust least squares: texels that miss the fit weigh less in the next round
     weight = trust.astype(float)
     for _ in range(ROUNDS):
         weighted = columns.multiply(weight[:, None]).tocsr()

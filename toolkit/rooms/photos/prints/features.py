@@ -114,6 +114,7 @@ def slant_view(upright: np.ndarray, slant: float, turn_deg: float) -> tuple[np.n
     turned = np.array([[cosine, -sine], [sine, cosine]]) * side
     linear = np.diag([1 / slant, 1.0]) @ turned
     corners = linear @ np.array([[0, 1, 1, 0], [0, 0, 1, 1.0]])
+    # the square, turned and then compressed along x, as seen at a slant
     margin = 16
     low, high = corners.min(axis=1) - margin, corners.max(axis=1) + margin
     # the view holds the whole square with a margin
@@ -123,6 +124,7 @@ def slant_view(upright: np.ndarray, slant: float, turn_deg: float) -> tuple[np.n
     blurred = upright
     if slant > 1:  # blurred along the direction that is compressed, against aliasing
         blurred = _blur_along(upright, turn_deg, 0.6 * np.sqrt(slant**2 - 1))
+    # from the upright picture's pixels to the unit square
     pixel = np.diag([1 / side, 1 / side, 1.0])
     view = cv2.warpAffine(
         blurred, to_cv(T @ pixel)[:2], size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=235
@@ -157,10 +159,12 @@ def match_features(photo: LocalFeatures, patch: LocalFeatures) -> tuple[np.ndarr
     """Match features that look alike, as nothing else on the patch does; returns numbers in photo and patch."""
     if min(len(photo.descriptors), len(patch.descriptors)) == 0:
         return np.zeros(0, int), np.zeros(0, int)
+    # the cells of the patch that features lie in: likeness is compared cell by cell
     cell = (np.clip(patch.frames[:, :, 2], 0, 0.999) * CELLS).astype(int) @ [CELLS, 1]
     order = np.argsort(cell, kind="stable")
     cells, starts = np.unique(cell[order], return_index=True)
     likeness = photo.descriptors @ patch.descriptors[order].T
+    # the best feature of each cell; its rival is the best outside of the cell and its neighbours
     by_cell = np.maximum.reduceat(likeness, starts, axis=1)
     best_cell = by_cell.argmax(axis=1)
     best = by_cell[np.arange(len(by_cell)), best_cell]
@@ -177,6 +181,7 @@ def guess_places(photo: LocalFeatures, patch: LocalFeatures, most: int = 6) -> l
     of_photo, of_patch = match_features(photo, patch)
     if len(of_photo) < MIN_SUPPORT:
         return []
+    # each match alone is a whole guess: from the patch's feature to the photograph's
     px, uv = photo.frames[of_photo, :, 2], patch.frames[of_patch, :, 2]
     affine = _compose(photo.frames[of_photo], _invert(patch.frames[of_patch]))
     stretch = np.linalg.svd(affine[:, :, :2], compute_uv=False)
@@ -185,8 +190,10 @@ def guess_places(photo: LocalFeatures, patch: LocalFeatures, most: int = 6) -> l
     # measured on the patch itself, so that a slanted guess is not lenient along its short side
     back = _invert(np.where(sane[:, None, None], affine, np.eye(2, 3)))
     seen = np.einsum("kij,nj->kni", back[:, :, :2], px) + back[:, None, :, 2]
+    # the tolerance grows with the distance from the feature, where a guess errs most
     far = np.linalg.norm(uv[None] - uv[:, None], axis=2)
     votes = (np.linalg.norm(seen - uv[None], axis=2) < TOLERANCE + DRIFT * far) & sane[:, None]
+    # the guess with most votes first; its voters are then taken out
     guesses: list[Guess] = []
     left = votes.copy()
     while len(guesses) < most:
@@ -210,6 +217,7 @@ def _count_places(votes: np.ndarray, uv: np.ndarray) -> np.ndarray:
 
 def _refine(affine: np.ndarray, uv: np.ndarray, px: np.ndarray, voters: np.ndarray) -> Guess:
     """Fit the affine map to its voters, if there are enough of them."""
+    # with fewer points the fit would follow each of them
     if voters.sum() >= 5:
         a = np.c_[uv[voters], np.ones(voters.sum())]
         weight = np.ones(len(a))

@@ -94,6 +94,7 @@ def find_patch(
         None if it is not seen (`is_believed`).
     """
     photo = image if isinstance(image, SearchedPhoto) else search_photo(image)
+    # starts come in groups, the likeliest first
     best: PatchSighting | None = None
     for starts in _starts(photo, patch_pixels, expected_px):
         sighting = _look(photo.image, patch_pixels, starts)
@@ -213,6 +214,7 @@ def measure_on_page(image: np.ndarray, sighting: PatchSighting, paper: Paper) ->
         Mean sides in mm along the file's rows and columns, or None if the sheet's four edges are not seen, or do not
         make the patch a square.
     """
+    # the patch must lie on the sheet
     page, middle = find_page(image), sighting.corners_px.mean(axis=0).tolist()
     if page is None or cv2.pointPolygonTest(page.astype(np.float32), middle, False) < 0:
         return None

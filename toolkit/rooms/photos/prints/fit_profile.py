@@ -175,6 +175,7 @@ def fit_texels(patches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> 
         patches: of each photograph, the file (n, n, 3) uint8 sRGB, the linear light of its texels (n², 3) as a share of
             paper's, and weights (n²,), 0 for hidden texels.
     """
+    # photographs of the same file share a fold, or a file would be predicted from itself
     kinds = [file.tobytes() for file, _, _ in patches]
     which = [sorted(set(kinds)).index(kind) for kind in kinds]
     files, folds = [], []
@@ -187,6 +188,7 @@ def fit_texels(patches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> 
         files.append(file.reshape(-1, 3)[trust > 0] / 255.0)
     stated = np.concatenate(files)
     seen = np.concatenate([part[trust > 0] for _, part, trust in patches])
+    # terms for every power that is tried
     terms = {power: raise_terms(stated, power, MODELS["cubic"]) for power in POWERS}
     weight = np.ones((len(stated), 1))
     return _fit_samples(_Samples(terms, srgb_to_linear(stated), seen, weight, np.concatenate(folds)))
@@ -194,8 +196,10 @@ def fit_texels(patches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> 
 
 def _fit_samples(samples: _Samples) -> FittedColours:
     """Fit the form and power that best predict the held-out parts to all samples."""
+    # cells of the colour strip have fold -1: they are fitted to, and never held out
     of_patch = samples.fold >= 0
     answers = {(name, power): _cross_validate(samples, power, MODELS[name]) for name in MODELS for power in POWERS}
+    # the best power of each form, then the simplest form that predicts about as well as the best
     best_power = {name: min(POWERS, key=lambda power: answers[name, power].median) for name in MODELS}
     tried = {name: answers[name, power].median for name, power in best_power.items()}
     # from few terms to many, so that the first that is good enough is the simplest

@@ -63,6 +63,7 @@ class FittedPhoto:
         """Draw each patch in place of the printed patch, (h, w, 3) uint8 sRGB, by this or another photograph's look."""
         # the same scene for all patches: what hides the printed patch is found once
         scene, pictures = PatchScene(self.image, self.look, self.patch.pixels), []
+        # with another photograph's look, its colours and noise are drawn at this photograph's place
         if look is not None:
             look, hidden = replace(look, warp=self.look.warp, ripple=self.look.ripple), scene.hidden
             scene = PatchScene(self.image, look, self.patch.pixels)
@@ -156,6 +157,7 @@ def use_each(
     files, skipped = list_files(photos)
     made: list[T] = []
     with progress(title, len(files)) as bar:
+        # an unusable photograph is reported, and the rest goes on
         for file in files:
             try:
                 made.append(use(file))
@@ -202,6 +204,7 @@ def view_photos(
     """
     patches = [read_known(workspace, name) for name in found]
     fitted, skipped = use_each("finding the patch", photos, lambda file: fit_photo(file, patches), least=2)
+    # every photograph gives the same number of views
     each, views = max(1, -(-count // len(fitted))), []
     for number, photo in enumerate(fitted):
         with_hidden = _add_hidden(photo)
@@ -245,6 +248,7 @@ def _view(
     there = photo.look.warp.scaled(scale)
     warp = PatchWarp(T @ there.homography, there.bend * T[0, 0])
     picture, hidden = np.ascontiguousarray(picture[..., :3]), picture[..., 3] / np.float32(255)
+    # the linear view has no spread of its own: the picture's blur stays in the picture
     kernels, wide = no_spread()
     scene = PatchScene(picture, replace(photo.look, warp=warp, kernels=kernels, wide=wide), photo.patch.pixels)
     return _make_linear(picture, scene, hidden, sheet)

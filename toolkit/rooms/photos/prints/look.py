@@ -131,6 +131,7 @@ def ripple_terms(uv: np.ndarray) -> np.ndarray:
 def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarray) -> PrintedLook:
     """Fit the look to a patch's known texels; a `ToolkitError` if too little of the patch shows."""
     n = patch_pixels.shape[0]
+    # it begins as a patch without blur, ripple and noise
     kernels, wide = no_spread()
     look = PrintedLook(
         sighting.warp, ripple=np.zeros((RIPPLE_TERMS, 2)), nodes=np.zeros((0, 3)), light=np.zeros((0, 3)),
@@ -140,6 +141,7 @@ def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarra
     look = _refine_place(image, _fit_print(image, sighting, look, patch_pixels), patch_pixels)
     # once more, as the texels' places are now exact
     look = _fit_print(image, sighting, look, patch_pixels)
+    # a part round the patch's middle is enough to measure blur and noise
     part, moved = _cut_middle(image, look.warp)
     sizes_px = np.array(WIDE) * min(image.shape[:2])
     kernels, wide = _fit_kernels(PatchScene(part, replace(look, warp=moved), patch_pixels), sizes_px)
@@ -367,11 +369,14 @@ class PatchScene:
         nothing of the old patch is left.
         """
         other = self.draw(pixels)
+        # distance from the rim in pixels
         rim_px = np.minimum(self.uv, 1 - self.uv) / np.maximum(self.step, 1e-9)
         low, high = FEATHER_PX
+        # 0 at the rim, where the difference of the patches is added; 1 inside, where the pixels are new
         inner = np.clip((rim_px.min(axis=-1) - low) / (high - low), 0, 1)[..., None]
         new = other + self._draw_noise(other[..., 0], rng)
         change = inner * (new - self.seen) + (1 - inner) * (other - self.drawn)
+        # what hides the patch, such as a finger, stays
         ycc = self.seen + (1 - self.hidden[..., None]) * change
         encoded = np.clip(ycc @ RGB.T.astype(np.float32), 0, 1)
         # a kernel spreads the change beyond the patch's rim; farther out the photo's bytes stay as they are
@@ -411,6 +416,7 @@ def draw_texels(texels: np.ndarray, uv: np.ndarray, step: np.ndarray) -> np.ndar
     if wide > 1:  # several texels in a pixel: the line below is a texel wide, the rest is blurred here
         # a square of width w has a variance of w² / 12; the line of a texel has 1 / 12 of it already
         source = cv2.GaussianBlur(source, (0, 0), np.sqrt((wide**2 - 1) / 12) + 1e-3, borderType=cv2.BORDER_REPLICATE)
+    # texel centres lie at half texels
     place = uv * n - 0.5
     low = np.floor(place)
     width = np.clip(step * n, 1e-6, 1)
@@ -439,6 +445,7 @@ def _refine_place(image: np.ndarray, look: PrintedLook, patch_pixels: np.ndarray
         tried = PatchScene(small, better, patch_pixels)
         if tried.luma_error() < scene.luma_error():
             best, scene = better, tried
+    # how much of the patch shows, by the pixels that it covers whole
     inside = scene.cover > 0.99
     shown = float(1 - scene.hidden[inside].mean()) if inside.any() else 0.0
     return replace(best, warp=best.warp.scaled(1 / scale), shown=shown)

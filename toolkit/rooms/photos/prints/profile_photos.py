@@ -68,6 +68,7 @@ def choose_printed(workspace: Workspace, class_name: str, size_mm: float | None)
     patch = read_patch(chosen[0])
     if size_mm is not None:
         return patch, size_mm
+    # the printed side depends on the object that wears the patch
     wearer = choose_wearer(workspace, chosen[0])
     if wearer is not None and len(set(wearer.sizes_mm)) > 1:
         raise FieldError(f"{wearer.object} has it at {say_sizes(wearer.sizes_mm)}: give {{size_mm}}", {})
@@ -171,6 +172,7 @@ def _make_profile(
 def _warn(photos: Sequence[ProfiledPhoto], expected_mm: float) -> list[str]:
     """A line for each fault of the print or the photos."""
     lines = []
+    # each photograph's own faults, then those of the whole set
     for photo in photos:
         if photo.size_mm is not None and abs(photo.size_mm / expected_mm - 1) > SIZE_TOLERANCE:
             lines.append(

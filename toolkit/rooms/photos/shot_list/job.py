@@ -59,6 +59,7 @@ def draw_card(pdf: Pdf, area: Rect, session: ObjectSession, stop: Stop, last: bo
         roll = f"roll {stop.place.roll_deg:+.0f}°"
         pdf.write(roll, middle, inside.top - 16.6, 2.5, room_mm=room, align="centre", colour=CAMERA)
     # its pictures, the drawings from above and from the side, and a line for notes
+    # what number, drawings and gaps leave is for the pictures
     side_mm = min(0.285 * area.width, 56.0)
     width = inside.width - NUMBER_MM - ABOVE_MM - side_mm - 2
     pictures = Rect(inside.x + NUMBER_MM, inside.y, width, inside.height)
@@ -102,6 +103,7 @@ def _draw_cross(pdf: Pdf, picture: Rect) -> None:
 
 def fit_grid(count: int, room: Rect, aspect: float) -> list[Rect]:
     """Arrange pictures of an aspect in rows, with captions, as large as fit a room; places are from its upper left."""
+    # every number of columns is tried; the largest picture wins
     best: tuple[float, int] = (0.0, 1)
     for columns in range(1, count + 1):
         rows = -(-count // columns)
@@ -194,6 +196,7 @@ def lay_out_cards(session: ObjectSession, height_mm: float) -> list[CardsPage]:
 def name_bands(session: ObjectSession) -> list[str]:
     """Name the sheet's changes after each place and the end of a round; empty if nothing changes."""
     words: list[list[str]] = [[] for _ in session.stops]
+    # without rounds the sheet changes at every pose: the first page says so once
     if not session.rounds:
         return ["" for _ in words]
     legs = find_legs(session.stops)
@@ -301,10 +304,12 @@ def write_shot_list(
             items[name] = load_object(workspace.object_spec(name))
             bar.advance(note=name)
     boosters: dict[str, dict[str, AppliedBooster | None]] = {}
+    # what an object wears in each variant, and which objects have no patch
     missing: dict[str, str] = {}
     for name, item in items.items():
         boosters[name] = _find_boosters(workspace, item, config.variants, missing)
     steps = order_shots(plan, list(items), {name: tuple(boosters[name]) for name in items}, seed, order)
+    # every pose must be possible before hours of drawing
     for name, item in items.items():
         check_poses(item, plan.camera, plan.objects[name])
     board, sessions = read_board(workspace), []

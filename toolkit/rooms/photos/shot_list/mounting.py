@@ -52,6 +52,7 @@ def draw_views(
     small = camera.scaled(WIDTH_PX, max(1, round(WIDTH_PX * camera.height / camera.width)))
     studio = make_light_studio(item, board)
     views = {}
+    # each variant is lit once and seen from all poses
     for variant, booster in boosters.items():
         bar.advance(0, note=f"{item.name} {variant}: light")
         renderer = make_renderer(RAYCAST, apply_booster(item, booster), studio, DETAIL)

@@ -115,6 +115,7 @@ def equivalent_focal_mm(camera: Camera) -> float:
 
 def advise_camera(camera: Camera, places: Sequence[CameraPlace]) -> list[str]:
     """Lens, exposure and file settings."""
+    # 35 mm equivalent: what phones and cameras state
     focal = equivalent_focal_mm(camera)
     zoom = focal / PHONE_MM
     near, far = min(p.distance_mm for p in places) / 10, max(p.distance_mm for p in places) / 10
@@ -151,6 +152,7 @@ def advise_stage(board: Board | None) -> list[str]:
 
 def advise_sticking(item: TableObject, patch_pdf: str | None, drawing: MountDrawing) -> list[str]:
     """From the printer to the object, in order."""
+    # the side of the object, the sheet's turn on it, and which of several sheets
     at, rotation_deg = drawing.mount.at, drawing.mount.rotation_deg
     page = f"Print {patch_pdf}" if patch_pdf else f"Make the page with 'toolkit print --object {item.name}', print it"
     where = {"top": "on top of the object", "back": "on the object's back"}.get(at, f"on the object's {at}")
@@ -309,6 +311,7 @@ def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
     y = pdf.write_lines(words, area.x, y, TEXT_MM, room_mm=area.width) - 2.6
     rows: list[tuple[str, str]] = []  # words, and the shots on the right; a change of the sheet has no shots
     before: str | None = None
+    # the sheet changes between legs, where the variant does
     for leg in legs:
         if change := name_change(before, leg.variant, session.sheets):
             rows.append((change, ""))
@@ -316,6 +319,7 @@ def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
         shots_there = f"shots {a}-{b}" if a != b else f"shot {a}"
         rows.append((f"{leg.variant}, {_name_poses(session, leg.stops)}", shots_there))
         before = leg.variant
+    # rows move together if there are many
     step = min(7.6, (y - area.y) / (len(rows) + 1))
     # after the last round the sheet comes off, or it would be on the next object's first shots
     if before not in (None, "unpatched"):

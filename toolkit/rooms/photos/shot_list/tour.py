@@ -213,6 +213,7 @@ def _towards(angle_deg: float, length: float, centre: Point) -> Point:
 
 def draw_from_above(pdf: Pdf, area: Rect, around: Surroundings, place: CameraPlace) -> None:
     """The object, the camera beside it, and the angle between its front and the camera."""
+    # the circle of the camera's place, to the scale of the farthest place
     centre = (area.x + area.width / 2, area.y + area.height / 2)
     radius = min(area.width, area.height) / 2 - 4.4
     scale = radius / around.farthest_mm
@@ -220,12 +221,14 @@ def draw_from_above(pdf: Pdf, area: Rect, around: Surroundings, place: CameraPla
     pdf.setDash(0.6, 0.8)
     pdf.circle(*centre, place.out_mm * scale, stroke=1, fill=0)
     pdf.setDash()
+    # the object from above, with its front downwards
     pdf.ink(OBJECT)
     pdf.shapes(outline * scale + centre for outline in around.above)
     pdf.ink(SOFT, 0.2)
     pdf.line(*centre, centre[0], centre[1] - radius)
     beside = 6.0 if min(place.azimuth_deg, 360 - place.azimuth_deg) < 25 else 0.0  # the camera stands there
     pdf.write_on_white("front", centre[0] - beside, centre[1] - radius - (0.0 if beside else 1.4), 2.1, colour=SOFT)
+    # the camera's direction, and the arc from the front to it
     angle = page_angle(place.azimuth_deg)
     at = _towards(angle, place.out_mm * scale, centre)
     pdf.ink(CAMERA, 0.25)
@@ -245,28 +248,34 @@ def draw_from_above(pdf: Pdf, area: Rect, around: Surroundings, place: CameraPla
 def draw_from_side(pdf: Pdf, area: Rect, around: Surroundings, place: CameraPlace) -> None:
     """The object on the table, the camera on the right of it, and the four numbers of its place."""
     left_mm, right_mm = around.reach_mm, around.farthest_mm
+    # room for the dimensions below, above and beside the drawing
     below, above, beside = 5.2, 4.6, 11.0
     # the same scale for all cards of an object, from the farthest and the highest of its places
     scale = min((area.width - beside - 3.5) / (left_mm + right_mm), (area.height - below - above) / around.highest_mm)
     spare = area.width - beside - 3.5 - (left_mm + right_mm) * scale
     x, y = area.x + left_mm * scale + 0.5 + spare / 2, area.y + below  # the object's middle on the table
+    # the object from aside, as this azimuth shows it
     pdf.ink(OBJECT)
     pdf.shapes(outline * scale + (x, y) for outline in around.sides[place.azimuth_deg])
     at = (x + place.out_mm * scale, y + place.height_mm * scale)
     target = (x, y + place.target_height_mm * scale)
     end = max(at[0], x + left_mm * scale) + 2.5
+    # the table
     pdf.ink(INK, 0.35)
     pdf.line(x - left_mm * scale - 0.5, y, max(end, at[0] + 4.0), y)
+    # dashed lines to the dimensions
     pdf.ink(SOFT, 0.15)
     pdf.setDash(0.5, 0.7)
     pdf.line(x, target[1], at[0], target[1])
     pdf.line(x, y, x, y - 3.2)
     pdf.line(at[0], at[1], at[0], y - 3.2)
     pdf.setDash()
+    # the camera and its line of sight, with its tilt
     pdf.ink(CAMERA, 0.3)
     pdf.line(*target, *at)
     pdf.camera(at, 180 + place.tilt_deg)
     _mark_tilt(pdf, target, place, scale)
+    # height, distance from the middle and length of the line of sight, in centimetres
     upright = at[0] + 2.0
     pdf.dimension((upright, y), (upright, at[1]), "")
     label = f"{place.height_mm / 10:.1f} cm"

@@ -87,6 +87,7 @@ def _answer_errors(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def name_field(_: Request, error: RequestValidationError) -> Response:
+        # the first wrong field is enough for a message on a phone
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"][1:])
         return JSONResponse({"error": f"{field}: {first['msg']}"}, NO_SENSE)
@@ -132,6 +133,7 @@ def _add_pictures(app: FastAPI, session: Session, artist: GhostRenderer) -> None
 
 
 def _add_shots(app: FastAPI, session: Session, predictor: Predictor) -> None:
+    # every answer has the whole session, so the page is never behind
     def tell(number: int) -> dict[str, Any]:
         predictor.wake()
         return {**describe_session(session, predictor), "shot": describe_place(session, session.look_up(number))}

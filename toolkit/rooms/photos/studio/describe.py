@@ -62,6 +62,7 @@ def describe_place(session: Session, shot: ShotState) -> dict[str, Any]:
     place = measure_place(session.find_pose(shot.step))
     record = session.find_record(shot)
     return {
+        # centimetres, as a tape measure has them
         **describe_shot(shot),
         "place": {
             "azimuth_deg": round(place.azimuth_deg, 1), "tilt_deg": round(place.tilt_deg, 1),

@@ -61,6 +61,7 @@ class _Stage:
         depth, normal = found["t_hit"].numpy(), found["primitive_normals"].numpy().copy()
         hit = np.isfinite(depth)
         triangle, at = found["primitive_ids"].numpy()[hit].astype(np.int64), found["primitive_uvs"].numpy()[hit]
+        # the sheet's lines get another colour, and paint shows as edges of brightness
         is_paper, brightness = np.zeros(h * w, bool), np.zeros(h * w, np.float32)
         is_paper[hit] = self._mesh.face_material[triangle] >= self._first_of_sheet
         brightness[hit] = self._read_paint(triangle, at)

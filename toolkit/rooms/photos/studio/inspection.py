@@ -112,11 +112,13 @@ class Inspector:
         located = None if isinstance(found, str) else found
         why = found if isinstance(found, str) else ""
         match = nearest = scale = None
+        # the nearest pose of the plan, and how far the camera is from the pose of this shot
         if located is not None:
             poses = self._plan.objects[step.object]
             nearest = match_pose(located.T_world_camera, poses)
             pose = next(pose for pose in poses if pose.id == step.pose_id)
             match = match_pose(located.T_world_camera, [pose])
+            # the object's size in this photograph over that in the plan's picture, for the outline on the page
             scale = _compare_size(located.camera, match, pose, self._plan.camera)
         expectation = self._expecter.expect(step.object, step.variant, step.pose_id, located, why)
         results = inspect_photo(pixels, expectation, sighting).results

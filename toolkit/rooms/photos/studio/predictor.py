@@ -94,6 +94,7 @@ class Predictor:
                 self._say(PredictorState("ready", classifier.name, (str(error),)))
 
     def _classify_new(self, classifier: Classifier) -> None:
+        # photographs are classified singly, so that each answer shows as soon as it is there
         notes: dict[str, str] = {}
         specs = self._session.workspace.object_specs()
         for shot in self._session.list_shots():

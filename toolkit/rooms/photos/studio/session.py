@@ -154,6 +154,7 @@ class Session:
             if file is None or hash_in_name(file) != sha256[:HASH_DIGITS]:
                 gone = "this photograph no longer waits for a decision: reload the page, or take another"
                 raise Refused(CONFLICT, gone)
+            # measured again only if the last results are not kept any more
             photo = read_photo(file)
             seen = self.inspector.inspect(photo, step)
             key = CaptureKey(step.object, step.variant, step.pose_id)
@@ -241,6 +242,7 @@ def open_session(
         raise ToolkitError(f"{file} is not there: make the list of shots with 'toolkit plan --shot-list'")
     plan = read_plan(workspace.plan_file)
     session = Session(workspace, plan, read_shots(file, plan), make_inspector(workspace, plan), source)
+    # faults of the disk show before anybody takes a photograph
     check_writable(session.folders)
     session.folders.sweep()
     session.list_shots()  # reports a broken manifest now, not when the first photograph is kept
@@ -257,6 +259,7 @@ def undo_keep(session: Session, number: int) -> ShotState:
     with session.exclusive(), hold_folder(session.source_dir):
         step = session.find_step(number)
         root = session.source_dir
+        # read again: an import may have run since
         index = index_source(root)
         key = CaptureKey(step.object, step.variant, step.pose_id)
         there = find_images(index, key)
@@ -271,6 +274,7 @@ def undo_keep(session: Session, number: int) -> ShotState:
         before = _find_before(root, record)
         delete_file(file)
         drop_records(root, {record.path})
+        # the photograph that was replaced comes back
         if before is not None:
             old = root / REPLACED / before.path
             path = str(Path(record.path).with_suffix(old.suffix).as_posix())

@@ -174,6 +174,7 @@ def open_upload(file: Path) -> tuple[Photo, np.ndarray]:
         photo = read_photo(file)
         if photo.kind not in KINDS:
             raise Refused(HTTP_NO_PHOTO, _explain_kind(photo.kind))
+        # sides, aspect and size are in the header
         short, long = sorted((photo.width, photo.height))
         if short < LEAST_SIDE_PX or long > MOST_ASPECT * short:
             size = f"{photo.width}×{photo.height} px"

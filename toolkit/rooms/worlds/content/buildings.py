@@ -87,6 +87,7 @@ def flat_roof(roof: Roof, wall_skin: Skin, trim: Skin, looks: Looks, rng: Rng, *
 def pad_marks(rng: Rng) -> np.ndarray:
     """The helicopter H in a ring, worn; fitted."""
     canvas = Canvas(2, 2, 256, (84, 98, 92), low=(-1, -1))
+    # from the bottom to the top: edge, ground, ring, and the two posts of the H with its bar
     canvas.rect(-0.97, -0.97, 0.97, 0.97, (236, 236, 230))
     canvas.rect(-0.93, -0.93, 0.93, 0.93, (74, 92, 84))
     canvas.disc(0, 0, 0.8, (244, 206, 40), ring_m=0.07)
@@ -103,6 +104,7 @@ def landing_pad(r: float, looks: Looks) -> Piece:
     """A pad of radius r with the helicopter H on a raised square deck, its lamps along the edge."""
     marks = pad_marks(looks)
     # the raised square, with lamps along its edge
+    # four lamps on each side, none in a corner
     top = np.array([[(-r, -r, 0.25), (r, -r, 0.25), (r, r, 0.25), (-r, r, 0.25)]])
     edge = looks.plain((150, 150, 146))
     side = np.linspace(-r, r, 5)[:-1] + r / 4
@@ -133,6 +135,7 @@ def fan(rng: Rng) -> np.ndarray:
     """A fan from above: the opening, six blades, the guard's rings."""
     canvas = Canvas(1, 1, 96, (150, 152, 150))
     canvas.disc(0.5, 0.5, 0.44, (40, 42, 44))
+    # six blades, each a triangle about the middle
     for k in range(6):
         a = 2 * np.pi * k / 6
         tips = [(0.5 + 0.4 * np.cos(b), 0.5 + 0.4 * np.sin(b)) for b in (a, a + 0.5)]
@@ -144,6 +147,7 @@ def fan(rng: Rng) -> np.ndarray:
 
 def air_conditioner(looks: Looks, rng: Rng) -> Piece:
     """A rooftop unit with fans on top, on a frame."""
+    # the body stands on two beams, with two fans side by side on its top
     w, d, h = rng.uniform(1.3, 2.2), rng.uniform(0.9, 1.5), rng.uniform(0.9, 1.5)
     blades = fan(looks)
     low, high = np.array([[-w / 2, -d / 2, 0.3]]), np.array([[w / 2, d / 2, 0.3 + h]])
@@ -158,7 +162,7 @@ def air_conditioner(looks: Looks, rng: Rng) -> Piece:
 
 
 def stair_house(looks: Looks, rng: Rng) -> Piece:
-    """The head of the stairs: a small brick house with a steel door."""
+    """The head of the stairs: a small rendered house with a door."""
     skin = wall(looks, "render", (206, 204, 196))
     pieces = [
         kit.boxes([-1.5, -1.4, 0], [1.5, 1.4, 2.7], skin, ROOF),
@@ -174,6 +178,7 @@ def staves(rng: Rng) -> np.ndarray:
     canvas = Canvas(1.2, 1.2, 128, (110, 78, 52))
     for k in range(10):
         tone = rng.uniform(0.75, 1.15)
+        # ten staves, each in a shade of its own
         canvas.rect(0.12 * k, 0, 0.12 * k + 0.11, 1.2, tuple(int(c * tone) for c in (118, 84, 56)))
     for z in (0.2, 0.6, 1.0):
         canvas.rect(0, z, 1.2, z + 0.035, (54, 52, 50))
@@ -229,6 +234,7 @@ def aerial(looks: Looks, rng: Rng) -> Piece:
     """A mast with a television aerial's rods."""
     metal, h = looks.plain((150, 152, 154)), rng.uniform(2.5, 5.0)
     rods = np.linspace(-0.7, 0.7, 6)
+    # the rods are longest in the middle
     start = np.array([(x, -0.35 + 0.1 * abs(x), h - 0.3) for x in rods])
     return kit.merge(
         kit.bars([0, 0, 0], [0, 0, h], 0.06, metal, ROOF),
@@ -291,6 +297,7 @@ def _finish(lot: Lot, walls: Piece, height: float, skins: tuple[Skin, Skin], loo
 
 def _party_wall(width: float, height: float, skin: Skin, looks: Looks, rng: Rng) -> Piece:
     bare = kit.wall_quads((0, 0, width, height), 0.0, skin, BUILDING)
+    # a blank wall between neighbours; some wide and high ones bear a painted advertisement
     if width < 11 or height < 11 or rng.random() > 0.45:
         return bare
     picture, middle = billboard_skin(int(rng.integers(6)), looks), width / 2
@@ -304,11 +311,14 @@ def _party_wall(width: float, height: float, skin: Skin, looks: Looks, rng: Rng)
 
 def _entrance(x: float, looks: Looks, trim: Skin, rng: Rng) -> Piece:
     """A front door with steps and a surround, standing out from the wall about x."""
+    # each step begins 30 cm nearer to the wall than the step below it
     wood = looks.plain(rng.pick(((92, 30, 26), (28, 52, 40), (40, 34, 30), (24, 40, 76), (96, 62, 36))), "gloss")
     steps = np.array([(x - 0.9 - 0.1 * k, -1.2 + 0.3 * k - 0.12, 0.17 * k) for k in range(3)])
     tops = np.array([(x + 0.9 + 0.1 * k, 0.0, 0.17 * (k + 1)) for k in range(3)])
+    # a post on either side of the door and a lintel over both
     low = [(x - 0.85, -0.2, 0.5), (x + 0.6, -0.2, 0.5), (x - 0.95, -0.3, 2.9)]
     high = [(x - 0.6, 0, 2.9), (x + 0.85, 0, 2.9), (x + 0.95, 0, 3.2)]
+    # the door's panels: two columns, two rows
     across = ((x - 0.45, x - 0.08), (x + 0.08, x + 0.45))
     leaves = [(a, c, b, d) for c, d in ((0.65, 1.4), (1.55, 2.35)) for a, b in across]
     return kit.merge(
@@ -460,6 +470,7 @@ def glass_office(lot: Lot, looks: Looks, rng: Rng) -> House:
 
 def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, rng: Rng) -> Piece:
     """Tall glass between stone piers, set back under the house, with a canopy over the doors."""
+    # piers a bay apart, the glass between them set back by half a metre
     count = max(2, round(width / 3.2))
     edges = np.linspace(0, width, count + 1)
     back = 0.5

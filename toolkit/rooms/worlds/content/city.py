@@ -73,12 +73,15 @@ class Filling:
 
 def choose_landmarks(blocks: list[Block], rng: Rng) -> dict[tuple[int, int], str]:
     """Which block bears which landmark; square and park lie towards the middle."""
+    # blocks by their distance from the middle, with some chance in it
     middle = np.mean([(b.column, b.row) for b in blocks], axis=0)
     order = sorted(
         blocks, key=lambda b: (np.hypot(b.column - middle[0], b.row - middle[1]) + rng.uniform(0, 1.6), b.row, b.column)
     )
+    # at least a block keeps ordinary houses
     count = min(len(LANDMARKS), max(1, len(blocks) - 1))
     step = max(1, len(blocks) // count)
+    # the first two, square and park, take places in the inner half of that order
     chosen = [order[min(k * step // (2 if k < 2 else 1), len(order) - 1)] for k in range(count)]
     result: dict[tuple[int, int], str] = {}
     for block, name in zip(chosen, LANDMARKS, strict=False):
@@ -143,11 +146,13 @@ def fill_block(block: Block, landmark: str | None, filling: Filling, rng: Rng) -
 
 def _build_rows(area: Area, landmark: str | None, density: float, filling: Filling, rng: Rng) -> None:
     x, y, width, depth = area
+    # pumps take the corner, and rows of houses fill the rest
     if landmark == "station":
         filling.add(filling_station(24.0, filling.looks), x + 2, y + 1)
         _build_row(Row(x + 28, y, width - 28, 15.0, density), filling, rng)
         _build_row(Row(x, y + depth, width, 15.0, density, 180.0), filling, rng)
         return
+    # front and back row leave a yard between them; a cinema takes the left end of the front row
     front, back = (float(v) for v in rng.uniform(13.5, 17.5, 2))
     taken = 24.0 if landmark == "cinema" else 0.0
     if taken:
@@ -166,6 +171,7 @@ def _fill_yard(area: Area, filling: Filling, rng: Rng) -> None:
     # a row of bays along each side, or a single row in a narrow yard
     rows = (y + 3.6, y + depth - 3.6) if depth > 13 else (y + depth / 2,)
     for px, py in ((px, py) for px in np.arange(x + 4.5, x + width - 4.5, 3.4) for py in rows):
+        # half of the places stay empty; three in ten hold a car
         kind = rng.random()
         if kind < 0.3:
             vehicle = filling.fleet.private[int(rng.integers(len(filling.fleet.private)))]
@@ -190,10 +196,12 @@ def _build_row(row: Row, filling: Filling, rng: Rng) -> None:
     for k, w in enumerate(widths):
         # the first and last house of a row also have a side street
         ends = [side for side, here in (("left", k == 0), ("right", k == len(widths) - 1)) if here]
+        # houses are higher towards the middle of the city
         floors = int(np.clip(rng.normal(3.4 + 3.0 * row.density, 1.2), 2, 9))
         kind = _choose_kind(row.density, w, rng)
         if kind == "glass":
             floors = int(np.clip(rng.normal(7 + 6 * row.density, 2.5), 5, 16))
+        # pads fit only large flat roofs
         pad = kind in ("glass", "slab") and min(w, row.depth) >= 13 and rng.random() < 0.8
         house = KINDS[kind](Lot(w, row.depth, floors, ("front", *ends), pad), filling.looks, rng)
         # rows that face the other way are filled from their other end
@@ -223,6 +231,7 @@ def _scatter_trees(
     """Trees over an area outside a circle (x, y, radius), and further than `beside_m` to its sides."""
     x, y, width, depth = area
     standing: Standing = {}
+    # places are drawn for all, and those near the clearing are left out
     for _ in range(count):
         px, py = x + rng.uniform(2.5, width - 2.5), y + rng.uniform(2.5, depth - 2.5)
         if np.hypot(px - keep[0], py - keep[1]) > keep[2] + 4 and abs(px - keep[0]) > beside_m:
@@ -233,6 +242,7 @@ def _scatter_trees(
 def _square(area: Area, filling: Filling) -> None:
     """A paved square: a free middle, a fountain and a monument, benches, trees along its edge, flags, stalls."""
     (x, y, width, depth), looks = area, filling.looks
+    # the free middle is a place for objects; its radius leaves the edges to what stands there
     cx, cy = x + width / 2, y + depth / 2
     radius = min(width, depth) / 2 - 8.5
     filling.spots.append(Spot("square", "square", (cx, cy, KERB_M), round(radius, 2), 0.0, "ground"))

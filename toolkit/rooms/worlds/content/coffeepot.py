@@ -33,9 +33,11 @@ def enamel_paint(ground: Colour, specks: Colour, seed: int) -> Callable[[int, in
     def paint(width: int, height: int, px_per_mm: float) -> Image.Image:
         from scipy.ndimage import gaussian_filter
 
+        # white noise, blurred to the size of a speck and without a seam
         noise = gaussian_filter(
             np.random.default_rng(seed).standard_normal((height, width)), 0.45 * px_per_mm, mode="wrap"
         )
+        # only the highest peaks become specks, with a soft edge
         weight = np.clip((noise / max(float(noise.std()), 1e-9) - 1.75) * 4, 0, 1)[..., None]
         colour = np.array(ground) * (1 - weight) + np.array(specks) * weight
         return Image.fromarray(colour.round().astype(np.uint8))
@@ -61,6 +63,7 @@ def build() -> Mesh:
 
 
 def _body() -> Parts:
+    # wall of the pot, its narrow foot, and a rim that is rolled over
     wall = [(BASE_RADIUS_MM - 3, 1.2), (BASE_RADIUS_MM - 0.6, 3), (BASE_RADIUS_MM, 6)]
     wall += [(_wall_radius(z), z) for z in np.linspace(12, HEIGHT_MM, 40)]
     foot_out, foot_in = BASE_RADIUS_MM - 3, BASE_RADIUS_MM - 8
@@ -80,6 +83,7 @@ def _wall_radius(z: float) -> float:
 
 def _lid() -> Parts:
     r = LID_RADIUS_MM
+    # the lid lies on the rim: its edge, a crown that rises to the middle, and the curve between
     edge = np.array([(r - 4, -0.2), (r - 0.8, 0), (r + 1, 1.4), (r + 1, 2.6), (r - 0.6, 3.8), (r - 2.5, 4.2)])
     flat = np.linspace(r - 7, 0, 12)
     crown = np.stack([flat, 7.6 + 2.5 * (1 - (flat / (r - 7)) ** 2)], axis=1)
@@ -95,6 +99,7 @@ def _hinge() -> Parts:
     turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     barrel = extrude(np.stack([4.0 * np.cos(turn), 4.0 * np.sin(turn)], axis=1).tolist(), 26, 0.8, TRIM, "trim")
     leaf = smooth_curve([(x + 7, 0, z + 2), (x - 1, 0, z + 4), (x - 4, 0, z + 12), (x - 12, 0, z + 20)], 24, False)
+    # thicker and wider where the thumb presses
     thickness = np.interp(np.linspace(0, 1, 24), [0, 0.3, 0.85, 0.96, 1], [2.2, 2.2, 2.6, 2.2, 1.2])
     widen = np.interp(np.linspace(0, 1, 24), [0, 0.4, 0.8, 1], [3.0, 2.2, 4.2, 3.2])
     return Parts(barrel.rotated("x", 90).moved(x, 13, z), _strap(leaf, thickness, thickness * widen))
@@ -103,10 +108,12 @@ def _hinge() -> Parts:
 def _spout() -> Parts:
     """A swan-neck that leaves the wall low and wide and ends level with the rim, cut nearly flat, open and hollow."""
     root = _wall_radius(67)
+    # middles of the pipe from inside the wall to the mouth, x outwards and z up, millimetres
     points = [(root - 16, 0, 67), (root + 12, 0, 80), (root + 32, 0, 114), (root + 43, 0, 155), (root + 69, 0, 204)]
     path = smooth_curve(points, 44, monotone=False)
     t = np.linspace(0, 1, len(path))
     stops = [0, 0.12, 0.3, 0.6, 0.9, 1]
+    # half height and half width of the pipe along it: an oval that narrows
     tall, wide = np.interp(t, stops, [38, 31, 21, 14.5, 12, 13.4]), np.interp(t, stops, [25, 22, 17, 12.5, 10.5, 11])
     tangent = np.gradient(path, axis=0)
     turn = np.unwrap(np.arctan2(tangent[:, 2], tangent[:, 0])) + np.pi / 2
@@ -123,10 +130,12 @@ def _spout() -> Parts:
         return path[i] + forward * ahead + ring
 
     last = len(path) - 1
+    # a rounded lip that turns over the mouth, from outside to inside
     lip = [cut(last, 1.1 - 1.9 * np.cos(a), 1.9 * np.sin(a)) for a in np.linspace(-0.5, np.pi + 0.5, 12)]
     return Parts(
         surface(np.stack([cut(i, 0) for i in range(len(path))]), enamel_paint(NAVY, CREAM_SPECKS, seed=3), "enamel"),
         surface(np.stack(lip), TRIM, "trim"),
+        # the inside, as far as it is seen through the mouth
         surface(np.stack([cut(i, 2.2) for i in range(last, last - 15, -1)]), TRIM, "trim"),
     )
 
@@ -140,6 +149,7 @@ def _handle() -> Parts:
         64, monotone=False,
     )  # fmt: skip
     t = np.linspace(0, 1, len(path))
+    # wider at both ends, where it is welded on
     radius = 6.6 + 3.0 * np.exp(-((t / 0.07) ** 2)) + 4.0 * np.exp(-(((1 - t) / 0.12) ** 2))
     return _strap(path, radius, radius * 1.5)
 

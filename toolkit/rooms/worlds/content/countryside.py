@@ -179,6 +179,7 @@ def _paint_facade(
     day, night = Canvas(width, height, 28, ground), Canvas(width, height, 7, (0, 0, 0))
     for row in range(FLOORS):
         z = row * FLOOR_M
+        # a line for each floor, unless glass fills the whole front
         if share_w < 0.9:
             day.rect(0, z, width, z + 0.18, tuple(int(0.5 * a + 0.5 * b) for a, b in zip(ground, trim, strict=True)))
         for column in range(BAYS):
@@ -193,6 +194,7 @@ def _paint_facade(
             if rng.random() < 0.35:
                 day.rect(x0, z0 + h * rng.uniform(0.3, 0.8), x0 + w, z0 + h, (200, 194, 180))
             day.rect(x0 + w / 2 - 0.04, z0, x0 + w / 2 + 0.04, z0 + h, trim)
+            # the same windows glow by night
             if rng.random() < 0.4:
                 bright, _, cool = rng.uniform(0.5, 1, 3)
                 lit = np.array((255, 206, 130)) * bright * (1, 1, 0.5 + cool)
@@ -203,6 +205,7 @@ def _paint_facade(
 def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: Rng) -> Piece:
     """Blocks (n, 3) low and high corners with painted facades and roofs, their windows whole."""
     style = rng.integers(0, len(STYLES), len(low))
+    # flat roofs, of the same felt for all
     felt = wall(looks, "roofing", (104, 104, 102))
     pieces = []
     for k in range(len(STYLES)):
@@ -216,6 +219,7 @@ def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: Rng) -> Piece:
         for side in range(4):
             x0, x1 = (a[:, 0], b[:, 0]) if side % 2 == 0 else (a[:, 1], b[:, 1])
             bays = np.maximum(np.round((x1 - x0) / BAY_M), 1) / BAYS
+            # facades begin at any bay, so that neighbours are not alike
             start = rng.integers(0, BAYS, len(a)) / BAYS
             # the lower left and right corner of a side, as who stands before it sees them
             corner = {0: ((0, 1), (1, 1)), 1: ((1, 1), (1, 0)), 2: ((1, 0), (0, 0)), 3: ((0, 0), (0, 1))}[side]
@@ -242,6 +246,7 @@ def surround(
     edges = [*(step for step in steps if step < reach_m), reach_m]
     rects = []
     for near, far in pairwise(edges):
+        # four strips round the ring before
         rects += [
             (x0 - far, y0 - far, x1 + far, y0 - near), (x0 - far, y1 + near, x1 + far, y1 + far),
             (x0 - far, y0 - near, x0 - near, y1 + near), (x1 + near, y0 - near, x1 + far, y1 + near),
@@ -296,6 +301,7 @@ def _outside(piece: Piece, spot: Spot) -> Piece:
 
 def tree_line(looks: Looks, rng: Rng, near: float, far: float, count: int) -> Piece:
     """Broad-leaved trees and spruces in a ring, in clumps."""
+    # angles are drawn about a few clumps
     clump = rng.uniform(0, 2 * np.pi, max(1, count // 9))
     angle = clump[rng.integers(0, len(clump), count)] + rng.normal(0, 0.07, count)
     distance = rng.uniform(near, far, count)
@@ -327,6 +333,7 @@ def hills(looks: Looks, rng: Rng) -> Piece:
     def ring(radius: float, z: np.ndarray | float) -> np.ndarray:
         return kit.xyz(radius * np.cos(angle), radius * np.sin(angle), np.broadcast_to(z, angle.shape))
 
+    # the rise comes in rings, each farther and higher, so that its woods overlap
     rows = [ring(520, 0.0), ring(600, height * 0.7), ring(700, height), ring(840, height * 1.5)]
     faces = [np.stack([a[1:], a[:-1], b[:-1], b[1:]], 1) for a, b in pairwise(rows)]
     return kit.quads(np.concatenate(faces), skin, SceneClass.SKYLINE)
@@ -334,6 +341,7 @@ def hills(looks: Looks, rng: Rng) -> Piece:
 
 def _fence(looks: Looks) -> Piece:
     wood = looks.plain((150, 132, 108), "matte")
+    # a fence along two sides of the meadow
     x = np.arange(-58.0, 58.1, 2.9)
     post = kit.xyz(x, 40.0, 0.0)
     posts = np.concatenate([post, post[:, [1, 0, 2]]])
@@ -349,6 +357,7 @@ def _fence(looks: Looks) -> Piece:
 
 def _tuft(looks: Looks) -> Piece:
     rng = looks.rng("tuft")
+    # blades as thin triangles that lean outwards
     n = 26
     foot = np.column_stack([rng.normal(0, 0.16, (n, 2)), np.zeros(n)])
     lean = np.column_stack([rng.normal(0, 0.14, (n, 2)), rng.uniform(0.25, 0.6, n)])
@@ -374,6 +383,7 @@ def _barn(looks: Looks) -> Piece:
     pieces = [
         kit.polygon(gable, 0.0, red, B),
         kit.place(kit.polygon(gable, 0.0, red, B), (0, 18.0, 0), 180.0),
+        # the long walls; the gables stand at both ends
         kit.quads(
             [[(7, 0, 0), (7, 18, 0), (7, 18, 5), (7, 0, 5)], [(-7, 18, 0), (-7, 0, 0), (-7, 0, 5), (-7, 18, 5)]], red, B
         ),
@@ -389,16 +399,19 @@ def _barn(looks: Looks) -> Piece:
 
 def windsock(looks: Looks) -> Piece:
     """An orange and white sock on a mast."""
+    # a mast that tapers to its tip
     mast = kit.revolved([(0.09, 0), (0.05, 6.0), (0.004, 6.05)], 8, looks.plain((214, 214, 210)), F)
     angle = np.linspace(0, 2 * np.pi, 11)
     pieces = [mast]
     for k in range(5):
         rows = []
+        # five rings of cloth, orange and white in turn, that narrow and droop away from the mast
         for x in (0.1 + 0.6 * k, 0.1 + 0.6 * (k + 1)):
             r = 0.42 - 0.07 * x
             rows.append(kit.xyz(x, r * np.cos(angle), 5.6 - 0.09 * x * x + r * np.sin(angle)))
         a, b = rows
         cloth = np.stack([a[:-1], b[:-1], b[1:], a[1:]], 1)
+        # seen from inside as well as from outside
         skin = looks.plain(((240, 96, 20), (244, 244, 240))[k % 2], "matte")
         pieces += [kit.quads(cloth[:, ::-1], skin, F), kit.quads(cloth + [0, 0, 0.004], skin, F)]
     return kit.merge(*pieces)
@@ -457,13 +470,16 @@ def _worn_paint(looks: Looks, colour: Colour) -> Skin:
 
 
 def _marks(looks: Looks, stands: np.ndarray) -> Piece:
+    # a quarter of a circle: where a lead-in line leaves the taxiway
     angle = np.linspace(-np.pi / 2, 0, 9)
     pieces = [_stripe(looks, [(-130, -55), (130, -55)], 0.3, YELLOW_PAINT)]
+    # each stand has a lead-in line, two lines at its sides, and a bar to stop at
     for x in stands:
         bend = [(x - 18 + 18 * np.cos(a), -37 + 18 * np.sin(a)) for a in angle]
         pieces.append(_stripe(looks, [(x - 40, -55), *bend, (x, 26)], 0.3, YELLOW_PAINT))
         pieces += [_stripe(looks, [(x + s * 19, -22), (x + s * 19, 34)], 0.2, WHITE_PAINT) for s in (-1, 1)]
         pieces.append(_stripe(looks, [(x - 1.6, 24), (x + 1.6, 24)], 0.5, YELLOW_PAINT))
+    # red lines along both sides of the apron
     for y in (36.0, -72.0):
         pieces.append(_stripe(looks, [(-128, y), (128, y)], 0.25, (188, 40, 36)))
     pieces.append(
@@ -530,6 +546,7 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
 def _control_tower(looks: Looks) -> Piece:
     white, green = wall(looks, "render", (226, 222, 210)), looks.plain((96, 140, 136), "gloss")
     frame, glass = looks.plain((60, 64, 66)), pane_sheet(looks, "curtain-green")
+    # an octagon with a flat side to the front
     angle = np.radians(22.5) + np.linspace(0, 2 * np.pi, 9)
     # the cab: eight panes that lean outwards
     low, high = ([kit.xyz(r * np.cos(angle), r * np.sin(angle), z)] for r, z in ((3.6, 20.0), (4.4, 23.4)))
@@ -542,6 +559,7 @@ def _control_tower(looks: Looks) -> Piece:
     words = sheet("airfield", looks, canvas, 0.8)
     rng = looks.rng("tower")
     pieces = [
+        # shaft, cab with its roof and aerials, then the low building with its board
         kit.boxes((-3, -3, 0), (3, 3, 19.0), white, B),
         kit.revolved([(3.0, 18.6), (4.2, 19.2), (4.2, 20.0), (3.6, 20.0)], 16, looks.plain((206, 204, 198)), B),
         kit.quads(cab, glass, B, pane_uv(rng, 8)), kit.bars(low[0], high[0], 0.16, frame, B),

@@ -81,6 +81,7 @@ def _noise(shape: tuple[int, int], cells: tuple[int, int], variant: int) -> np.n
     rng = np.random.default_rng([*shape, *cells, variant, 1])
     lattice = rng.uniform(-1, 1, cells).astype(np.float32)
     pad = 2
+    # wrapped round its edges before it is enlarged, so that it repeats without a seam
     wrapped = np.pad(lattice, pad, mode="wrap")
     scale_y, scale_x = shape[0] / cells[0], shape[1] / cells[1]
     size = round(wrapped.shape[1] * scale_x), round(wrapped.shape[0] * scale_y)
@@ -177,6 +178,7 @@ class Canvas:
         """Lettering centred on a point; narrower than `fit_m` if that is given."""
         size = round(height_m * self.scale[1])
         font = read_font(face, max(5, size))
+        # too wide for its room: as much smaller as it must be
         if fit_m and font.getlength(words) > fit_m * self.scale[0]:
             size = int(size * fit_m * self.scale[0] / font.getlength(words))
             font = read_font(face, max(5, size))
@@ -186,6 +188,7 @@ class Canvas:
         """The kept picture, uint8, with a little grain if asked."""
         kept = np.asarray(self.image.reduce(self.FINER), np.float32)
         if rng is not None and speckle:
+            # noise that repeats, cut to the picture
             h, w = kept.shape[:2]
             wide = (1024, 1024) if max(h, w) > 512 else (512, 512)
             cloud = fractal(rng, wide, 8, 3)[:h, :w, None]
@@ -239,6 +242,7 @@ class Drawing:
     def text(self, centre: Point, words: str, height_mm: float, colour: RGBA = INK, turn_deg: float = 0) -> None:
         """Lettering, `height_mm` from line to line, turned counter-clockwise about its middle."""
         font = ImageFont.load_default(size=height_mm * DRAW_PX_PER_MM)
+        # with room for the rotation
         left, top, right, bottom = font.getbbox(words)
         patch = Image.new("RGBA", (int(right - left) + 8, int(bottom - top) + 8), (*colour[:3], 0))
         ImageDraw.Draw(patch).text((4 - left, 4 - top), words, colour, font, stroke_width=2)
@@ -345,6 +349,7 @@ def pattern(colours: Sequence[Colour], shader: Shader) -> Paint:
     table = np.array(colours, np.uint8)
 
     def paint(width: int, height: int, px_per_mm: float) -> Image.Image:
+        # middles of pixels, v upwards
         u = (np.arange(width, dtype=np.float32) + 0.5)[None, :] / width
         v = 1 - (np.arange(height, dtype=np.float32) + 0.5)[:, None] / height
         index = np.broadcast_to(shader(u, v, width / height), (height, width))
@@ -422,6 +427,7 @@ def wood_grain(rng: Rng, colour: Colour, along: str = "u") -> Paint:
     tones = [shade(colour, factor) for factor in np.linspace(0.78, 1.06, 6)]
 
     def shader(u: np.ndarray, v: np.ndarray, aspect: float) -> np.ndarray:
+        # rings of a tree: waves along the grain, bent by longer waves across
         near, far = (v, u) if along == "u" else (u, v)
         ring = np.sin(count * near + wave * np.sin(3 * far + phase) + 0.6 * np.sin(count * 3.1 * near + phase))
         return np.clip((ring + 1) * 3, 0, 5)
@@ -434,6 +440,7 @@ def decorate(rng: Rng, ground: Colour, *accents: str) -> Paint:
     accent, other = rng.colour(*accents), rng.colour(*accents)
     low, wide = rng.draw(0.15, 0.7), rng.draw(0.06, 0.25)
     kind = rng.pick(("plain", "plain", "band", "bands", "stripes", "dots", "checks", "scatter", "blotches", "dipped"))
+    # makers, as most draw further numbers, which only the chosen kind may do
     makers: dict[str, Callable[[], Paint]] = {
         "plain": lambda: ground,
         "band": lambda: bands([ground, accent, ground], [low, low + wide]),
@@ -457,13 +464,16 @@ def label(
     def paint(wide: int, high: int, px_per_mm: float) -> Image.Image:
         image = Image.new("RGB", (wide, high), ground)
         canvas = ImageDraw.Draw(image)
+        # pictures count downwards, heights upwards
         top, bottom = (1 - height[1]) * high, (1 - height[0]) * high
         tall, half = bottom - top, width * wide / 2
         for centre in centres:
             x = centre * wide
             canvas.rectangle((x - half, top, x + half, bottom), fill=paper)
+            # without a word, or too low for words, the paper stays blank
             if not text or tall < 8:
                 continue
+            # as large as height and width of the paper allow
             size = min(0.4 * tall, 2.6 * half / len(text))
             canvas.text((x, top + 0.34 * tall), text, ink, read_font("sans", max(4, int(size))), anchor="mm")
             # three lines of small print: bars, as letters would be below a texel
@@ -480,6 +490,7 @@ def lettered(ground: Colour, ink: Colour, text: str, share: float = 0.7) -> Pain
 
     def paint(width: int, height: int, px_per_mm: float) -> Image.Image:
         image = Image.new("RGB", (width, height), ground)
+        # as high as the chart or as wide as the letters need
         size = share * min(height, 1.5 * width / len(text))
         ImageDraw.Draw(image).text(
             (width / 2, height / 2), text, ink, read_font("sans", max(4, int(size))), anchor="mm"

@@ -58,6 +58,7 @@ class LabelCanvas:
         """Mask of a filled ellipse with a smooth edge, turned clockwise."""
         cosine, sine = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
         reach = max(rx, ry)
+        # only the pixels round it are worked out
         window = self._window(x - reach, y - reach, x + reach, y + reach)
         dx, dy = self.x[window] - x, self.y[window] - y
         distance = np.hypot((cosine * dx + sine * dy) / rx, (cosine * dy - sine * dx) / ry)
@@ -77,8 +78,10 @@ class LabelCanvas:
         rows, columns = window = self._window(*outline.min(axis=0), *outline.max(axis=0))
         mask = np.zeros(self.x.shape, np.float32)
         height, width = rows.stop - rows.start, columns.stop - columns.start
+        # a polygon beside the label
         if height <= 0 or width <= 0:
             return mask
+        # drawn three times as large and averaged: Pillow draws no smooth edges
         fine = 3
         drawn = Image.new("L", (width * fine, height * fine))
         corners = (outline * self.scale - [columns.start, rows.start]) * fine
@@ -123,8 +126,10 @@ class LabelCanvas:
 def draw_mug(canvas: LabelCanvas, x: float, y: float, size: float, seed: int = 5) -> None:
     """A glass mug of eggnog with foam, grated nutmeg and a cinnamon stick; (x, y) its middle, `size` its height."""
     s = size
+    # ellipses seen from a little above: the rim behind, the foot in front
     rim, base = (x - 0.07 * s, y - 0.28 * s), (x - 0.07 * s, y + 0.40 * s)
     wide, narrow = 0.34 * s, 0.27 * s
+    # a soft shadow on the label, below the mug
     canvas.fill(
         canvas.soften(canvas.ellipse(x + 0.02 * s, y + 0.44 * s, 0.42 * s, 0.08 * s), 0.03 * s), (40, 8, 8), 0.75
     )
@@ -142,6 +147,7 @@ def draw_mug(canvas: LabelCanvas, x: float, y: float, size: float, seed: int = 5
     across = (canvas.x - rim[0]) / wide
     shade = np.clip(1.02 - 0.42 * np.abs(across + 0.12) ** 2.4 - 0.10 * (canvas.y - rim[1]) / s, 0, 1.1)[..., None]
     canvas.fill(liquid, np.array([255, 228, 158]) * shade)
+    # light in the thick glass of the foot
     foot = canvas.ellipse(base[0], base[1] + 0.005 * s, narrow * 0.82, 0.045 * s)
     canvas.fill(canvas.soften(foot * glass, 0.008 * s), (255, 252, 244), 0.55)
     # foam that runs down the inside in waves
@@ -168,12 +174,15 @@ def _cut(mask: np.ndarray, hole: np.ndarray) -> np.ndarray:
 
 def _draw_surface(canvas: LabelCanvas, rim: tuple[float, float], wide: float, s: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
+    # the wall's rim, then the surface in it
     canvas.fill(canvas.ellipse(rim[0], rim[1], wide, 0.098 * s), (236, 226, 202))
     top = canvas.ellipse(rim[0], rim[1] + 0.004 * s, wide - 0.018 * s, 0.084 * s)
     u, v = (canvas.x - rim[0]) / wide, (canvas.y - rim[1]) / (0.09 * s)
+    # a swirl of cream, lighter towards the front
     swirl = 0.5 + 0.5 * np.sin(9 * np.hypot(u, v) + 1.5 * np.arctan2(v, u))
     cream = np.array([255, 243, 208]) + swirl[..., None] * [0, 7, 22] + np.clip(v, -1, 1)[..., None] * [2, 3, 6]
     canvas.fill(top, cream)
+    # grated nutmeg, denser in the middle
     for _ in range(230):
         radius, bearing = np.sqrt(rng.uniform(0, 1)) ** 1.4 * 0.86, rng.uniform(0, 2 * np.pi)
         spot_x = rim[0] + radius * wide * np.cos(bearing)
@@ -183,11 +192,13 @@ def _draw_surface(canvas: LabelCanvas, rim: tuple[float, float], wide: float, s:
 
 
 def _draw_cinnamon(canvas: LabelCanvas, rim: tuple[float, float], s: float) -> None:
+    # from the surface of the drink to above the rim
     foot, tip = np.array([rim[0] + 0.04 * s, rim[1] + 0.03 * s]), np.array([rim[0] + 0.27 * s, rim[1] - 0.25 * s])
     along = (tip - foot) / np.linalg.norm(tip - foot)
     side = np.array([-along[1], along[0]]) * 0.038 * s
     stick = canvas.polygon([foot - side, tip - side, tip + side, foot + side])
     stick = np.maximum(stick, canvas.ellipse(foot[0], foot[1], 0.038 * s, 0.014 * s))
+    # across the stick, from -1 to 1: a round shade with a groove
     offset = ((canvas.x - foot[0]) * -along[1] + (canvas.y - foot[1]) * along[0]) / (0.038 * s)
     ridges = 1 - 0.35 * offset**2 - 0.22 * np.exp(-(((offset - 0.1) / 0.1) ** 2)) + 0.05 * np.sin(offset * 19)
     canvas.fill(stick, np.array([176, 98, 48]) * ridges.clip(0.3, 1.2)[..., None])
@@ -200,6 +211,7 @@ def _draw_cinnamon(canvas: LabelCanvas, rim: tuple[float, float], s: float) -> N
 def _draw_shine(
     canvas: LabelCanvas, rim: tuple[float, float], base: tuple[float, float], wide: float, narrow: float, s: float
 ) -> None:
+    # two streaks on the left, the third on the right
     for start, end, alpha in ((-0.80, -0.66, 0.75), (-0.58, -0.54, 0.45), (0.76, 0.84, 0.5)):
         top, bottom = rim[1] + 0.10 * s, base[1] - 0.03 * s
         streak = [(rim[0] + start * wide, top), (rim[0] + end * wide, top + 0.02 * s),
@@ -244,8 +256,10 @@ def draw_half(width: int, height: int, px_per_mm: float) -> Image.Image:
     canvas = LabelCanvas(width, height, px_per_mm, RED)
     w, h = canvas.size_mm
     rng = np.random.default_rng(3)
+    # snow on the red
     for x, y, radius in rng.uniform((0, 0, 0.25), (w, h, 0.8), (90, 3)):
         canvas.spot(x, y, radius, radius, (255, 250, 245), 0.8)
+    # golden lines above and below
     for y, thick in ((0.0, 2.0), (3.4, 0.6), (h - 4.0, 0.6), (h - 2.0, 2.0)):
         canvas.fill(canvas.box(0, y, w, thick), GOLD)
     middle = NAME_AT * w
@@ -270,6 +284,7 @@ def paint_neck(width: int, height: int, px_per_mm: float) -> Image.Image:
     """Eggnog behind glass above the label: paler and full of bubbles where the foam floats."""
     canvas = LabelCanvas(width, height, px_per_mm, EGGNOG)
     w = canvas.size_mm[0]
+    # the foam's lower edge, in waves that close round the bottle
     edge = 15 + 1.2 * np.sin(canvas.x / w * 2 * np.pi * 5) + 0.7 * np.sin(canvas.x / w * 2 * np.pi * 13)
     canvas.fill(np.clip((edge - canvas.y) / 3, 0, 1), FOAM)
     rng = np.random.default_rng(4)
@@ -351,14 +366,17 @@ def _outline() -> np.ndarray:
 
 def _bottle(outline: np.ndarray) -> Parts:
     """Foot, filled wall below and above the label, and clear glass from the fill line over the rim and down inside."""
+    # the wall in three parts: below the label, above it, and clear above the fill line
     height = outline[:, 1]
     lower = [*outline[height < LABEL_FROM_MM], (BODY_MM, LABEL_FROM_MM)]
     upper = [(BODY_MM, LABEL_TO_MM), *outline[(height > LABEL_TO_MM) & (height <= FILL_MM)]]
     clear = outline[height >= FILL_MM]
     foot = [(0, 3), (BODY_MM - 14, 3), (BODY_MM - 10, 0), (BODY_MM - 5.5, 0), (BODY_MM - 3.3, 0.8), tuple(lower[0])]
+    # the lip is a bead, round from outside over the top to inside
     turn = np.linspace(-0.5 * np.pi, 1.2 * np.pi, 22)
     mouth = clear[-1, 0]
     bead = np.stack([mouth - 1 + 2.4 * np.cos(turn), RIM_MM + 2.2 + 2.4 * np.sin(turn)], axis=1)
+    # the inside of the clear part, a wall's thickness in
     inner = (clear[::-1] - [GLASS_MM, 0])[1:]
     return Parts(
         revolve(foot, SEGMENTS, GLASS, "glass"), revolve(lower, SEGMENTS, paint_heel, "glass"),
@@ -387,6 +405,7 @@ def _drink(outline: np.ndarray) -> Part:
 
 def _cinnamon(outline: np.ndarray) -> Parts:
     """A quill rolled from both sides, that leans on the rim behind."""
+    # two rolls side by side, with a groove where they meet
     turn = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     groove = 1 - 0.55 * np.exp(-((np.cos(turn) / 0.3) ** 2)) * (np.sin(turn) > 0)
     section = np.stack([6.4 * np.cos(turn), 4.6 * np.sin(turn) * groove], axis=1)
@@ -394,8 +413,10 @@ def _cinnamon(outline: np.ndarray) -> Parts:
     bark, tip, end = extrude(section.tolist(), length, 0, paint_bark, "cinnamon")
     stick = Parts(bark, tip.painted(paint_quill), end.painted(BARK))
     stick = stick.rotated("z", 90).rotated("y", lean_deg).rotated("z", bearing_deg)
+    # lifted until its tip is at `TOP_MM`
     lift = TOP_MM - max(float(part.vertices[:, 2].max()) for part in stick)
     lean = np.radians(lean_deg)
+    # where its axis passes the height of the rim: it leans on the inside of the glass
     at_rim = outline[-1, 0] - GLASS_MM - 2 - 4.6 / np.cos(lean)
     reach = at_rim - (RIM_MM - lift) * np.tan(lean)
     x, y = reach * np.cos(np.radians(bearing_deg)), reach * np.sin(np.radians(bearing_deg))

@@ -57,6 +57,7 @@ def windowed_wall(
     style: Facade, width: float, looks: Looks, rng: Rng, *, z0: float, floors: int, plain: bool = False
 ) -> Piece:
     """A wall from z0 up with `floors` rows of windows; `plain` leaves out all that decorates a street's side."""
+    # bays across, floors up: a window in the middle of each bay
     edges = bay_edges(width, style.bay_m)
     middle = (edges[1:] + edges[:-1]) / 2
     w, h, sill = style.window_m
@@ -67,14 +68,17 @@ def windowed_wall(
     low, high = base + sill, np.minimum(base + sill + h, base + style.floor_m - 0.12)
     top = z0 + floors * style.floor_m
     pieces = [_around_openings(style.wall, width, (z0, top), np.stack([x0, x1], 1), np.stack([low, high], 1))]
+    # a cell is a window's opening: left, bottom, right, top
     cell = np.array([(a, c, b, d) for c, d in zip(low, high, strict=True) for a, b in zip(x0, x1, strict=True)])
     pieces.append(openings(cell, style, looks, rng))
+    # what a window has beside its frame is a block before the wall
     if style.sills:
         pieces.append(_blocks(cell[:, [0, 2]] + [-0.08, 0.08], cell[:, 1] - 0.1, cell[:, 1], 0.09, style.trim))
     if style.lintels and not plain:
         pieces.append(_blocks(cell[:, [0, 2]] + [-0.14, 0.14], cell[:, 3], cell[:, 3] + 0.2, 0.04, style.trim))
     if style.air_conditioners:
         pieces.append(_air_conditioners(cell[rng.random(len(cell)) < style.air_conditioners], looks))
+    # a wall to a court ends here
     if plain:
         return kit.merge(*pieces)
     if style.string_course:
@@ -84,6 +88,7 @@ def windowed_wall(
         at = edges[1:-1] if len(edges) > 2 else edges
         span = np.stack([at - 0.22, at + 0.22], 1)
         pieces.append(_blocks(span, np.full(len(at), z0), np.full(len(at), top), 0.12, style.trim))
+    # only some of the windows have a balcony
     if style.balconies:
         pieces.append(_balconies(cell[rng.random(len(cell)) < style.balconies], base, style, looks))
     if style.fire_escape and width > 7 and floors > 1:
@@ -105,6 +110,7 @@ def openings(cell: np.ndarray, style: Facade, looks: Looks, rng: Rng) -> Piece:
     x0, z0, x1, z1 = cell.T
     depth = style.recess_m
     panes = pane_sheet(looks, style.panes)
+    # four walls of the opening, from the face of the wall back to the pane
     front = np.stack([kit.xyz(x0, 0, z0), kit.xyz(x1, 0, z0), kit.xyz(x1, 0, z1), kit.xyz(x0, 0, z1)], 1)
     back = front + [0, depth, 0]
     sides = [np.stack([front[:, k], front[:, k - 3], back[:, k - 3], back[:, k]], 1) for k in range(4)]
@@ -126,6 +132,7 @@ def cornice(
     reach = out_m if ends else 0.0
     pieces = []
     for low, high, share in steps:
+        # they reach out beyond the wall's ends, where the next wall's mouldings meet them
         span = np.array([[-reach * share, width + reach * share]])
         block = kit.boxes(
             kit.xyz(span[:, 0], -out_m * share, np.array([low])), kit.xyz(span[:, 1], 0.1, np.array([high])), skin,
@@ -133,6 +140,7 @@ def cornice(
             without=("back",),
         )  # fmt: skip
         pieces.append(block)
+    # small blocks in a row below the cornice
     if dentils:
         at = np.arange(0.3, width - 0.2, 0.55)
         span = np.stack([at, at + 0.26], 1)
@@ -143,6 +151,7 @@ def cornice(
 def _air_conditioners(cell: np.ndarray, looks: Looks) -> Piece:
     if not len(cell):
         return kit.EMPTY
+    # in the middle of the sill, half outside
     x = (cell[:, 0] + cell[:, 2]) / 2
     low, high = kit.xyz(x - 0.32, -0.34, cell[:, 1] + 0.02), kit.xyz(x + 0.32, 0.15, cell[:, 1] + 0.44)
     grille = kit.xyz(x - 0.26, -0.345, cell[:, 1] + 0.07), kit.xyz(x + 0.26, -0.34, cell[:, 1] + 0.39)
@@ -210,6 +219,7 @@ def fire_escape(x: float, base: np.ndarray, looks: Looks) -> Piece:
 
 def lay_out_goods(canvas: Canvas, kind: str, span: tuple[float, float], floor: float, rng: Rng) -> None:
     """Fill a window between two x and from its floor up with what a shop of that kind shows."""
+    # goods by how they are shown: on shelves, in crates, on tables, on dummies
     if kind in ("books", "boxes", "papers", "bottles", "sweets", "bread"):
         _shelves(canvas, kind, span, floor, rng)
     elif kind in ("fruit", "meat"):
@@ -237,6 +247,7 @@ def lay_out_goods(canvas: Canvas, kind: str, span: tuple[float, float], floor: f
 
 def _shelves(canvas: Canvas, kind: str, span: tuple[float, float], floor: float, rng: Rng) -> None:
     board = (110, 78, 50) if kind != "boxes" else (206, 206, 204)
+    # boards as far apart as the goods are high
     pitch = {"bread": 0.42, "bottles": 0.5, "sweets": 0.36}.get(kind, 0.46)
     z = floor
     while z < 2.2:
@@ -274,6 +285,7 @@ def _shoes(canvas: Canvas, x: float, floor: float, rng: Rng) -> None:
 
 def _item(canvas: Canvas, kind: str, at: Point, shelf_m: float, rng: Rng) -> float:
     """A thing on a shelf, its lower left corner at a point; returns the width it takes."""
+    # each kind draws itself and returns its width and a gap
     x, z = at
     if kind in ("books", "boxes", "papers"):
         w = float(rng.uniform(0.03, 0.07) if kind == "books" else rng.uniform(0.1, 0.24))
@@ -345,6 +357,7 @@ TRADES = (
 
 def shop_row(width: float, looks: Looks, rng: Rng, wall: Skin) -> Piece:
     """A ground floor of `SHOP_FLOOR_M` with as many shops as fit, piers between them, and a door to the stairs."""
+    # a shop for about every 7 m
     count = max(1, round(width / 7.0))
     pier = 0.45
     span = (width - pier) / count
@@ -354,6 +367,7 @@ def shop_row(width: float, looks: Looks, rng: Rng, wall: Skin) -> Piece:
     for k, trade in enumerate(trades):
         left = pier + k * span
         pieces.append(shop(TRADES[trade], left, left + span - pier, looks, rng))
+    # piers between shops, and at both ends
     lefts = np.arange(count + 1) * span
     low = kit.xyz(lefts, -0.06, 0.0)
     high = kit.xyz(lefts + pier, 0.5, SHOP_FLOOR_M)
@@ -388,16 +402,19 @@ def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: Rng) -> Piece:
 
 def _awning(stripes: tuple[Colour, Colour], x0: float, x1: float, looks: Looks) -> Piece:
     def paint(rng: Rng) -> np.ndarray:
+        # stripes of cloth, along the awning
         cloth = np.repeat(np.array(stripes, np.float32), 32, axis=0)[None].repeat(64, axis=0)
         return finish(cloth * (1 + 0.06 * fractal(rng, (64, 64), 2, 4)[..., None]))
 
     skin = looks.paint(f"awning-{hex_name(stripes[0])}-{hex_name(stripes[1])}", paint, 0.9, (0.6, 0.6))
+    # heights of its upper and lower edge, and how far it reaches out, metres
     top, low, out = 3.08, 2.42, 1.45
     slope = [(x0, -out, low), (x1, -out, low), (x1, -0.17, top), (x0, -0.17, top)]
     valance = [(x0, -out, low - 0.25), (x1, -out, low - 0.25), (x1, -out, low), (x0, -out, low)]
     faces = np.array([slope, valance], float)
     # its underside: a face is seen from one side alone
     inner = faces[:, ::-1] + [0, 0.015, -0.015]
+    # triangles close it at the sides
     ends = np.array(
         [[(x0, -out, low), (x0, -0.17, top), (x0, -0.17, low)], [(x1, -out, low), (x1, -0.17, low), (x1, -0.17, top)]]
     )
@@ -407,6 +424,7 @@ def _awning(stripes: tuple[Colour, Colour], x0: float, x1: float, looks: Looks) 
 
 def _blade(trade: Trade, x: float, looks: Looks) -> Piece:
     """A small sign square to the wall, lettered downwards on both sides."""
+    # the first word of the trade's name
     word = trade.name.split(" ")[0]
     height = 0.35 + 0.3 * len(word)
 
@@ -417,9 +435,11 @@ def _blade(trade: Trade, x: float, looks: Looks) -> Piece:
         for k, letter in enumerate(word):
             canvas.text(0.4, height - 0.33 - 0.3 * k, letter, 0.3, trade.letters, face=trade.face)
         sheet = canvas.texture(0.03, rng)
+        # by evening it is lit: the second picture is what it gives off, at half the resolution
         return sheet, sheet[::2, ::2].copy()
 
     skin = looks.paint(f"blade-{trade.name}", paint, 0.4, (0.8, height))
+    # above the heads, and how far it reaches out, metres
     low, out, thick = 4.4, 0.95, 0.09
     y0, y1 = -out - 0.1, -0.1
     right = [(x + thick, y0, low), (x + thick, y1, low), (x + thick, y1, low + height), (x + thick, y0, low + height)]
@@ -443,12 +463,14 @@ def shop_skins(trade: Trade, looks: Looks) -> tuple[Skin, Skin]:
         sign = canvas.texture(0.03, rng)  # its draws follow those of the front
         return sign, (sign[::2, ::2] * 0.8).astype(np.uint8)
 
+    # the front first, as the draws of the sign follow its own
     front = looks.paint(f"shop-{trade.name}", lambda _: _paint_front(trade, rng), 0.25)
     return front, looks.paint(f"sign-{trade.name}", paint_sign, 0.45)
 
 
 def _paint_front(trade: Trade, rng: Rng) -> tuple[np.ndarray, np.ndarray]:
     """Two display windows and a door between, goods behind the glass; and its light in the evening."""
+    # by day, and its light at a quarter of the resolution
     canvas = Canvas(FRONT_W, FRONT_H, PX_PER_M, trade.frame)
     lamps = Canvas(FRONT_W, FRONT_H, PX_PER_M / 4, (0, 0, 0))
     room = tuple(int(c) for c in rng.integers((50, 44, 38), (92, 84, 72)))

@@ -42,6 +42,7 @@ def container_skin(looks: Looks, line: int) -> Skin:
 
     def paint(_: Rng) -> np.ndarray:
         canvas = Canvas(BOX_M[0], BOX_M[2], 40, colour)
+        # corrugations, darker in their folds
         for k in range(44):
             canvas.rect(0.1 + 0.275 * k, 0.15, 0.22 + 0.275 * k, BOX_M[2] - 0.12, tuple(int(c * 0.78) for c in colour))
         canvas.text(BOX_M[0] / 2, 1.45, name, 1.3, (238, 238, 232), fit_m=8)
@@ -55,10 +56,13 @@ def container(looks: Looks, line: int, label: int = F) -> Piece:
     """A 40-foot box about the middle of its base."""
     length, width, height = BOX_M
     colour = LINES[line][0]
+    # the frame is a little darker than the colour of the shipping line
     skin, frame = container_skin(looks, line), looks.plain(tuple(int(c * 0.85) for c in colour))
     side = kit.wall_quads((-length / 2, 0.0, length / 2, height), 0.0, skin, label, fit=True)
+    # posts at the four corners, and four locking rods at the end
     posts = np.array([(sx * (length / 2) - 0.08, sy * (width / 2) - 0.08, 0) for sx in (-1, 1) for sy in (-1, 1)])
     rods = np.array([(length / 2 + 0.03, y, 0.15) for y in (-0.7, -0.25, 0.25, 0.7)])
+    # corrugated sides on a plain box
     return kit.merge(
         kit.boxes((-length / 2, -width / 2 + 0.02, 0.0), (length / 2, width / 2 - 0.02, height), frame, label),
         kit.place(side, [(0, -width / 2, 0), (0, width / 2, 0)], [0.0, 180.0]),
@@ -102,10 +106,12 @@ def hull(
 def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Looks) -> Piece:
     white, glass = looks.plain((236, 236, 230)), looks.plain((40, 58, 70), "gloss")
     pieces = []
+    # a deck after the other, each a little smaller
     for k in range(decks):
         shrink = 0.5 * k
         a, b, w, z0 = x[0] + 0.2 * k, x[1] - shrink, width / 2 - 0.2 * k, z + 2.6 * k
         pieces.append(kit.box((a, b), (-w, w), (z0, z0 + 2.6), white, V))
+        # windows forward, and along both sides
         cells = np.arange(-w + 0.4, w - 0.7, 1.1)
         pieces.append(kit.boxes(kit.xyz(b - 0.02, cells, z0 + 1.3), kit.xyz(b + 0.02, cells + 0.7, z0 + 2.1), glass, V))
         cells = np.arange(a + 0.4, b - 0.8, 1.2)
@@ -118,6 +124,7 @@ def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Lo
 
 def feeder_ship(looks: Looks, rng: Rng) -> Piece:
     """A feeder container ship 110 m long at the quay."""
+    # bays along the ship, rows across, up to three containers high
     boxes_at, kinds = [], []
     for bay in range(5):
         for row in range(6):
@@ -125,8 +132,10 @@ def feeder_ship(looks: Looks, rng: Rng) -> Piece:
                 boxes_at.append((-22 + bay * 13.2, -6.3 + row * 2.5, 6.6 + level * 2.62))
                 kinds.append(int(rng.integers(len(LINES))))
     at, kind = np.array(boxes_at), np.array(kinds)
+    # containers of a line are copies of each other
     cargo = [kit.place(container(looks, k, V), at[kind == k]) for k in range(len(LINES))]
     funnel = kit.revolved([(2.2, 0), (1.9, 7), (1.5, 7.2), (1.5, 7.0)], 14, looks.plain((24, 60, 130)), V)
+    # hull, cargo, the house astern with its funnel, and masts
     return kit.merge(
         hull(112.0, 18.0, looks, side=7.0, draught=5.0, colours=((28, 44, 82), (140, 36, 32))),
         *cargo, _house((-50, -36), 16.0, 6.6, 5, looks), funnel.moved(-46, 0, 19.0),
@@ -165,6 +174,7 @@ def boats(looks: Looks, rng: Rng) -> Piece:
         kit.bars([(0.2, 0, 0.9), (0.2, 0, 1.8)], [(0.2, 0, 13.2), (-4.5, 0, 1.8)], 0.12, spar, V),
     )
     sailing = kit.merge(yacht, kit.quads(np.concatenate([jib, jib[:, [0, 2, 1, 1]] + [0, 0.01, 0]]), sail, V))
+    # in two rows off the quay
     moored = np.array([(108.0 + 6.5 * k, -36.0 - 9.0 * (k % 2), WATER_Z) for k in range(6)])
     return kit.merge(
         kit.place(fisher, [(18.0, -5.0, WATER_Z), (95.0, -6.0, WATER_Z)], [0.0, 180.0]),
@@ -180,6 +190,7 @@ def build_harbour(seed: int = 0) -> World:
     """A quay 320 m long with the water to its south."""
     looks, rng = Looks(seed), Rng([seed, 32])
     core = np.array([(-QUAY_X, -110.0), (QUAY_X, QUAY_BACK_Y)])
+    # sheds in three colours of brick
     sheds = [_shed(looks, 44.0, 24.0, k) for k in range(3)]
     shed_x = (-120.0, -40.0, 70.0)
     solids = [[x, 62.0, 0, x + 44.0, 86.0, 9.0] for x in shed_x]
@@ -249,6 +260,7 @@ def _quay_marks(looks: Looks) -> Piece:
 
 
 def _container_yard(looks: Looks, rng: Rng) -> tuple[Piece, list[list[float]]]:
+    # stacks of up to four, some places empty; the first is never empty
     length, width, height = BOX_M
     at, line, solids = [], [], []
     for column in range(5):
@@ -258,6 +270,7 @@ def _container_yard(looks: Looks, rng: Rng) -> tuple[Piece, list[list[float]]]:
             for level in range(count):
                 at.append((x + length / 2, y + width / 2, level * (height + 0.02)))
                 line.append(int(rng.integers(len(LINES))))
+            # a stack is solid up to its top
             if count:
                 solids.append([x, y, 0, x + length, y + width, count * height])
     spots, kind = np.array(at), np.array(line)
@@ -320,11 +333,13 @@ def _pier(looks: Looks) -> Piece:
 def lighthouse(looks: Looks) -> Piece:
     """A banded tower 22 m high on a mole of stone."""
     stone = wall(looks, "ashlar", STONES[3])
+    # white and red bands, which narrow upwards
     tones = [looks.plain(tone) for tone in ((236, 236, 230), (190, 34, 34))]
     bands = [
         kit.revolved([(2.6 - 0.055 * z, 2.6 + z), (2.6 - 0.055 * (z + 4), 6.6 + z)], 20, tones[k % 2], B)
         for k, z in enumerate((0, 4, 8, 12))
     ]
+    # mole, tower, gallery, lamp and roof
     return kit.merge(
         kit.revolved([(9.0, -4.0), (6.5, 2.6), (0.01, 2.6)], 20, stone, SceneClass.GROUND, 20),
         *bands,
@@ -337,6 +352,7 @@ def lighthouse(looks: Looks) -> Piece:
 def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
     brick, tin = wall(looks, "brick", BRICKS[number]), wall(looks, "cladding", (140, 144, 146))
     door, panes = looks.plain(((40, 84, 110), (110, 48, 40), (60, 96, 70))[number]), pane_sheet(looks, "factory")
+    # four bays side by side
     bays = np.linspace(0, width, 5)
     middle = (bays[1:] + bays[:-1]) / 2
     rng = looks.rng(f"shed-{number}")
@@ -375,6 +391,7 @@ def _quay_things(looks: Looks) -> Piece:
         lorry(looks, "lorry-blue", BLUE, (40, 90, 160), "FRESH FISH"),
     )
     white, crate = van((236, 236, 232), "PORT AUTHORITY", looks, "van-port"), looks.plain((176, 134, 84), "matte")
+    # lamps along a line, pallets with crates of several heights
     lamps = np.array([(x, 60.0, 0.0) for x in np.arange(-140.0, 150.0, 40.0)])
     pallets = np.array([(130.0 + 1.6 * (k % 4), 44.0 + 1.6 * (k // 4), 0.0) for k in range(12)])
     heights = np.array([[0.0, 0.0, 0.4 + 0.3 * (k % 4)] for k in range(12)])

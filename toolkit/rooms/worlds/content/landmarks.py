@@ -97,6 +97,7 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
     foot = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
     legs = np.column_stack([foot, np.zeros(4)])
     z = np.arange(0, height, step)
+    # every 2 m a rung, and a rod that changes its direction at each
     rungs, rods = [], []
     for k in range(4):
         a, b = foot[k], foot[(k + 1) % 4]
@@ -107,13 +108,16 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
     top = height + 0.6
     x = np.arange(0, jib + 0.1, 1.8)
     ridge, left, right = (kit.xyz(x, y, level) for y, level in ((0, top + 1.5), (-0.7, top), (0.7, top)))
+    # each point of the ridge is tied to two points of each lower chord
     web = [(a[k], b[k + d]) for a, b in ((ridge, left), (ridge, right)) for k in range(len(x) - 1) for d in (0, 1)]
     web += [(left[k], right[k]) for k in range(len(x))]
     truss = np.array(web)
     # ties from the apex to jib and counter-jib, and the hook
     apex = np.array([0.0, 0.0, top + 7.0])
     ties = np.array([(apex, (jib * 0.62, 0, top + 1.5)), (apex, (-11.0, 0, top)), (apex, (jib * 0.3, 0, top + 1.5))])
+    # the hook hangs at seven tenths of the jib
     hook = np.array([jib * 0.7, 0, top])
+    # from the mast up, then jib, ties, ballast, cab and hook
     pieces = [
         kit.bars(legs, legs + [0, 0, height], 0.2, yellow, F),
         kit.bars(lattice[:, 0], lattice[:, 1], 0.09, yellow, F),
@@ -172,6 +176,7 @@ def church(looks: Looks) -> House:
     """A stone church 16 m wide and 40 m deep: west tower with a spire, nave with a tiled roof, buttresses."""
     stone, trim = wall(looks, "ashlar", STONES[1]), wall(looks, "ashlar", STONES[5])
     slate = wall(looks, "tiles", (84, 88, 98))
+    # outline of the nave on the plan, its eaves and its ridge, metres
     x0, x1, y0, y1, eaves, ridge = 1.5, 14.5, 5.0, 38.0, 9.5, 17.5
     length = y1 - y0
     # long sides with lancets and buttresses
@@ -196,6 +201,7 @@ def church(looks: Looks) -> House:
         kit.polygon(gable[::1] - [middle, 0], 0.0, stone, B),
         _lancets(np.array([-3.4, 0, 3.4]), (3, 8.5), 1.8, trim, looks),
     )
+    # the two long sides, west gable and east wall, the roof with its underside, the tower
     pieces = [
         kit.place(side, [(x0, y1, 0.0), (x1, y0, 0.0)], [270.0, 90.0]),
         kit.polygon(gable, y0, stone, B), kit.place(east, (middle, y1, 0.0), 180.0), kit.quads(slopes, slate, R),
@@ -268,12 +274,14 @@ def _clock(looks: Looks) -> Skin:
 
 def _west_front(looks: Looks, trim: Skin) -> Piece:
     circle, dark = CIRCLE, looks.plain((34, 34, 36), "matte")
+    # the door in its arch, and the rose window above
     return kit.merge(
         kit.polygon(pointed_arch(0, 0.0, 5.4, 3.4), -0.06, trim, B),
         kit.polygon(pointed_arch(0, 0.0, 4.8, 2.5), -0.1, looks.plain((74, 44, 26)), B),
         kit.bars((0, -0.11, 0), (0, -0.11, 4.6), 0.06, dark, B),
         kit.polygon(circle * 1.9 + [0, 10.2], -0.06, trim, B),
         kit.polygon(circle * 1.6 + [0, 10.2], -0.09, stained_glass(looks), B, fit=True),
+        # tracery: spokes of the rose window
         kit.bars(
             np.array([(0, -0.12, 10.2)] * 8),
             kit.xyz(circle[::3, 0] * 1.6, -0.12, circle[::3, 1] * 1.6 + 10.2),
@@ -283,6 +291,7 @@ def _west_front(looks: Looks, trim: Skin) -> Piece:
 
 
 def _cinema_sheets(looks: Looks) -> tuple[Skin, Skin, Skin]:
+    # letters on a lit board
     c = Canvas(7, 1.5, 80, (250, 246, 232))
     c.text(3.5, 1.05, "NOW SHOWING: THE LAST TRAM", 0.42, (30, 30, 32), fit_m=6.6)
     c.text(3.5, 0.42, "7:15  9:30  LATE SHOW FRIDAY", 0.4, (176, 24, 30), fit_m=6.6)
@@ -292,6 +301,7 @@ def _cinema_sheets(looks: Looks) -> tuple[Skin, Skin, Skin]:
     for k, letter in enumerate("CINEMA"):
         name.text(0.7, 6.75 - 1.2 * k, letter, 1.1, (255, 226, 120))
     upright = sheet("cinema-name", looks, name, 1.0)
+    # four posters side by side
     posters = Canvas(6, 2, 80, (40, 16, 20))
     for k in range(4):
         tone = ((220, 60, 40), (40, 90, 160), (240, 190, 50), (60, 130, 90))[k]
@@ -347,6 +357,7 @@ def cinema(width: float, depth: float, looks: Looks, rng: Rng) -> House:
 def library(width: float, depth: float, looks: Looks, rng: Rng) -> House:
     """A classical front: steps, columns, a pediment with PUBLIC LIBRARY, stone wings."""
     stone, trim = wall(looks, "ashlar", STONES[5]), wall(looks, "render", (222, 208, 182))
+    # two rows of arched windows between pilasters
     style = Facade(
         stone, trim, "arched", window_m=(1.4, 2.8, 0.9), floor_m=4.6, bay_m=3.4, recess_m=0.35, pilasters=True,
         string_course=True,
@@ -354,12 +365,14 @@ def library(width: float, depth: float, looks: Looks, rng: Rng) -> House:
     height, middle = PODIUM_M + COLUMN_M + 2.6, width / 2
     pieces = [_portico(looks, stone, trim).moved(middle)]
 
+    # front, right and back carry the cornice
     def make(number: int, side: float) -> Piece:
         bare = kit.wall_quads([(0, 0, side, PODIUM_M), (0, PODIUM_M + 9.2, side, height)], 0.0, stone, B)
         crown = cornice(side, height, trim, 0.5, ends=False) if number < 3 else kit.EMPTY
         return kit.merge(bare, windowed_wall(style, side, looks, rng, z0=PODIUM_M, floors=2), crown)
 
     pieces += [kit.set_round(width, depth, make), flat_roof(Roof(width, depth, height), stone, trim, looks, rng)]
+    # the portico stands out before the wall
     top = PODIUM_M + COLUMN_M
     porch = [middle - PORTICO_M / 2, -4, top, middle + PORTICO_M / 2, 0, top + 1.6]
     return House(kit.merge(*pieces), np.array([[0, 0, 0, width, depth, height], porch]))
@@ -496,6 +509,7 @@ def filling_station(width: float, looks: Looks) -> House:
         shop_row(11.0, looks, looks.rng("kiosk"), white), kit.boxes((0, 0.5, 0), (11, 6, SHOP_FLOOR_M), white, B)
     )
     pieces.append(kiosk.moved(middle - 5.5, 15.0, 0))
+    # kiosk and roof are solid, pumps are not
     return House(
         kit.merge(*pieces),
         np.array(

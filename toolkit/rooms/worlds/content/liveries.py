@@ -76,11 +76,13 @@ def paint_wing(base: Colour, text: str, span_mm: float, size_mm: float, at_x: fl
 
     def look(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         x, y, _ = np.moveaxis(points, -1, 0)
+        # colour by place across the wing: white edges, red tips
         colours = np.broadcast_to(np.array(base, float), points.shape).copy()
         _cover(colours, WHITE, np.abs(y) - span_mm / 2 + 13)
         _cover(colours, RED, np.abs(y) - span_mm / 2 + 11)
         decal = _premultiplied(Image.fromarray(_words(text, size_mm, WHITE)))
         sign = -1 if from_behind else 1
+        # the sponsor's words, in millimetres, on the upper face alone
         height, width = (side / DECAL_PX_PER_MM for side in decal.shape[:2])
         _overlay(
             colours, decal, width / 2 + sign * y, height / 2 + sign * (x - at_x), (normals[..., 2] > 0.3).astype(float)
@@ -102,6 +104,7 @@ def paint_lettering(base: Colour, text: str, colour: Colour, size_mm: float, rep
         image = Image.new("RGB", (width, height), base)
         font = read_font("sans", max(4, round(size_mm * px_per_mm)))
         for k in range(repeats):
+            # letters are drawn on a plate of their own size, then pasted in the middle
             box = font.getbbox(text)
             words = Image.new("L", (int(box[2] - box[0]) + 2, int(box[3] - box[1]) + 2), 0)
             ImageDraw.Draw(words).text((1 - box[0], 1 - box[1]), text, font=font, fill=255)
@@ -125,10 +128,12 @@ def paint_helmet(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=1)
 def draw_top() -> np.ndarray:
     """Decals seen from above, nose to the right, the car's left side up; RGBA, float32."""
+    # flat on the car's plan; `place` takes the car's own millimetres
     sheet = _blank(2 * HALF_LENGTH_MM, 2 * HALF_WIDTH_MM)
     place = _placer(sheet, lambda x, y: (HALF_LENGTH_MM + x, HALF_WIDTH_MM - y))
     place(_roundel(24), 100, 0, 90)
     place(_roundel(56), -22, 0, 90)
+    # words are turned so that they read from their own side
     for side in (1, -1):
         turn = 0 if side < 0 else 180
         place(_block("VELOX", 9, WHITE, NAVY), -12, side * 38.5, turn)
@@ -242,10 +247,12 @@ def _paint_skin(
     net: np.ndarray, sides: tuple[Side, ...], stations: tuple[float, ...], width: int, height: int, px_per_mm: float
 ) -> Image.Image:
     points, normals = chart_points(net, width, height)
+    # camouflage below, then lines at the stations, then markings
     colour = camouflage(points, normals)
     for station in stations:
         near: np.ndarray = np.clip(0.75 - np.abs(points[..., :1] - station) / 0.35, 0, 1) * 0.8
         colour += near * (np.array(INK[:3], np.float32) - colour)
+    # each point belongs to the drawing that it faces most
     facing = np.argmax(np.stack([normals @ side.towards.astype(np.float32) for side in sides]), axis=0)
     for i, side in enumerate(sides):
         marks = side.sample(points)
@@ -300,6 +307,7 @@ def petals(count: int, dark: tuple[int, int, int], light: tuple[int, int, int]) 
 
 def draw_sides() -> dict[str, Side]:
     """All drawings of the aeroplane: top, bottom, left, right, and fin_left, fin_right for the tail fins."""
+    # corners of the drawings, millimetres: from above, from a side, and of the fins
     plan, elevation = ((-140.0, -106.0), (140.0, 106.0)), ((-140.0, -24.0), (140.0, 34.0))
     ahead, astern, fins = (1, 0, 0), (-1, 0, 0), ((-140.0, 5.0), (-60.0, 60.0))
     draw: dict[str, tuple[Drawing, Callable[[Drawing], None]]] = {
@@ -310,6 +318,7 @@ def draw_sides() -> dict[str, Side]:
         "fin_left": (Drawing(astern, (0, 0, 1), (60.0, 5.0), (140.0, 60.0)), partial(draw_fin, ahead=-1)),
         "fin_right": (Drawing(ahead, (0, 0, 1), *fins), partial(draw_fin, ahead=1)),
     }
+    # drawn first, then sampled
     for sheet, pencil in draw.values():
         pencil(sheet)
     return {name: sheet.side() for name, (sheet, _) in draw.items()}
@@ -326,6 +335,7 @@ def draw_star(sheet: Drawing, centre: Point, radius_mm: float, turn_deg: float =
     def bar(x: float, y: float) -> list[Point]:
         return place([(-x, -y), (x, -y), (x, y), (-x, y)])
 
+    # bars, stripe and disc from below to the top
     sheet.fill(bar(2.12, 0.37), BLUE)
     sheet.fill(bar(2.0, 0.25), SIGN_WHITE)
     sheet.fill(bar(2.0, 0.085), SIGNAL_RED)

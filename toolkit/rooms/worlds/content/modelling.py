@@ -127,6 +127,7 @@ def surface(net: np.ndarray | Sequence[np.ndarray], paint: Paint = (200, 200, 20
     along_v = np.linalg.norm(np.diff(points, axis=0), axis=2).mean(axis=1)
     u, v = np.r_[0, np.cumsum(along_u)], np.r_[0, np.cumsum(along_v)]
     uv = np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1).reshape(-1, 2)
+    # two triangles for each cell of the net
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     faces = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=2).reshape(-1, 3)
@@ -230,6 +231,7 @@ def tube(
     radii = np.broadcast_to(np.asarray(radius, float), (len(path),))
     tangent = np.gradient(path, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    # any direction across the path will do to start with
     side = plane_axes(tangent[0])[0]
     angle = np.linspace(0, 2 * np.pi, segments, endpoint=False)
     sections = []
@@ -290,6 +292,7 @@ def assemble(parts: Sequence[Part], materials: dict[str, tuple[float, float]], a
     Charts share a scale, so that a texel has the same size everywhere, and a gutter of painted margin keeps
     filtered look-ups from bleeding.
     """
+    # a part without faces takes no room
     parts = [part for part in parts if len(part.faces)]
     px_per_mm, places = _pack([part.chart_mm for part in parts], atlas_px)
     atlas = Image.new("RGB", (atlas_px, atlas_px), (128, 128, 128))
@@ -368,6 +371,7 @@ def _render_paint(paint: Paint, width: int, height: int, px_per_mm: float) -> Im
 def _pack(charts_mm: list[tuple[float, float]], atlas_px: int) -> tuple[float, list[tuple[int, int]]]:
     """The largest common scale at which shelves of charts, tallest first, fill the atlas; and each chart's left top."""
 
+    # shelves as in a library: charts side by side, the tallest first
     def shelves(scale: float) -> list[tuple[int, int]] | None:
         sizes = [
             (max(1, round(w * scale)) + 2 * GUTTER_PX, max(1, round(h * scale)) + 2 * GUTTER_PX) for w, h in charts_mm
@@ -385,6 +389,7 @@ def _pack(charts_mm: list[tuple[float, float]], atlas_px: int) -> tuple[float, l
             x, shelf = x + width, max(shelf, height)
         return places
 
+    # the scale is texels per millimetre
     low, high = 1e-4, atlas_px / max(max(chart) for chart in charts_mm)
     best = shelves(low)
     # bisection: packing has no formula, but a smaller scale never fits worse
@@ -406,6 +411,7 @@ def finish(parts: Iterable[Part], atlas_px: int = 256) -> Mesh:
     """
     painted: list[Part] = []
     plain: dict[tuple[Paint, str], list[Part]] = {}
+    # painted parts keep their charts, plain ones are gathered by colour and material
     for part in parts:
         if callable(part.paint):
             painted.append(part)
@@ -444,6 +450,7 @@ def vessel(
     `floor` is the height of the inner bottom, by default the wall's thickness. `content` is its filling: (height as a
     share of the inside, paint, material).
     """
+    # as heights above the table
     bottom = outline[0, 1] + wall if floor is None else floor
     level = bottom if content is None else bottom + content[0] * (outline[-1, 1] - bottom)
     inner = np.maximum(outline - [wall, 0], [0.05, 0])
@@ -452,8 +459,10 @@ def vessel(
     turn = np.linspace(0.25, 0.75, 3) * np.pi
     middle = outline[-1] - [wall / 2, 0]
     rim = middle + wall / 2 * np.stack([np.cos(turn), np.sin(turn)], 1)
+    # from the outer edge of the rim over it and down to the filling
     down = [outline[-1], *rim, *inner[inner[:, 1] > level][::-1], (at_level, level)]
     paint, top_material = (inside, material) if content is None else content[1:]
+    # underside, outside, rim with inside, and what fills it or its bottom
     return Parts(
         revolve([(0, outline[0, 1]), tuple(outline[0])], segments, _foot_colour(outside), material),
         revolve(outline.tolist(), segments, outside, material),
@@ -560,6 +569,7 @@ def wing(
     for edge, chord, scale in ((root, chords[0], 1.0), (tip, chords[1], 0.5)):
         across = shape[:, 1] * thickness * scale
         along = shape[:, 0] * chord
+        # an upright wing is thick along y, another along z
         level = np.zeros(len(shape))
         offset = np.stack([along, across, level] if upright else [along, level, across], 1)
         rows.append(np.array(edge) + offset)

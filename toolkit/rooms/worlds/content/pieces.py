@@ -148,6 +148,7 @@ def merge(*parts: Piece) -> Piece:
     pieces = [piece for piece in parts if len(piece.faces)]
     if not pieces:
         return EMPTY
+    # faces name vertices by number, so each piece's start after those before
     starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
     return Piece(
         np.concatenate([piece.vertices for piece in pieces]),
@@ -184,6 +185,7 @@ def quads(corners: ArrayLike, skin: Skin, label: int, uv: ArrayLike | None = Non
     real = size > 1e-7
     quad, normal = quad[real], normal[real] / size[real, None]
     n = len(quad)
+    # a plain colour is a single place of its texture, whatever `uv` says
     if skin.at is not None:
         texture = np.broadcast_to(np.array(skin.at), (n, 4, 2))
     elif uv is not None:
@@ -196,6 +198,7 @@ def quads(corners: ArrayLike, skin: Skin, label: int, uv: ArrayLike | None = Non
         texture = texture / np.array(skin.tile_m)
         # moved by whole textures: float32 keeps the digits that count
         texture = texture - np.floor(texture[:, :1])
+    # two triangles for each quad, which shares no corner with its neighbours
     index = np.arange(4 * n).reshape(n, 4)
     faces = np.stack([index[:, [0, 1, 2]], index[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
     return Piece(
@@ -289,6 +292,7 @@ def place(piece: Piece, at: ArrayLike, yaw_deg: ArrayLike = 0.0, scale: ArrayLik
     if not k or not n:
         return EMPTY
     yaw = np.radians(np.broadcast_to(np.asarray(yaw_deg, np.float64), (k,)))
+    # a factor for all axes, or three
     factor = np.asarray(scale, np.float64)
     factor = np.broadcast_to(factor.reshape(-1, 1) if factor.ndim < 2 else factor, (k, 3))
     # rounded: the last bits of a sine differ between machines
@@ -304,6 +308,7 @@ def place(piece: Piece, at: ArrayLike, yaw_deg: ArrayLike = 0.0, scale: ArrayLik
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-9)
     return Piece(
         vertices.reshape(-1, 3).astype(np.float32), normals.reshape(-1, 3).astype(np.float32),
+        # copies share looks and classes with the piece
         np.tile(piece.uv, (k, 1)),
         (piece.faces[None] + n * np.arange(k)[:, None, None]).reshape(-1, 3).astype(np.int32),
         np.tile(piece.material, k), np.tile(piece.label, k),
@@ -316,11 +321,13 @@ def bars(start: ArrayLike, end: ArrayLike, thick_m: float | np.ndarray, skin: Sk
     start, end = np.broadcast_arrays(start, end)
     along = end - start
     along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    # any direction that is not the rod's own
     hint = np.where(np.abs(along[:, 2:]) > 0.9, [[0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0]])
     side = cross(np.broadcast_to(hint, along.shape), along)
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     up = cross(along, side)
     half = np.broadcast_to(np.asarray(thick_m, np.float64) / 2, (len(start),))[:, None]
+    # four corners of the section, in turn round the rod
     ring = [(-side - up) * half, (side - up) * half, (side + up) * half, (up - side) * half]
     faces = [np.stack([start + ring[k], start + ring[k - 3], end + ring[k - 3], end + ring[k]], 1) for k in range(4)]
     return quads(np.concatenate(faces), skin, label)
@@ -338,6 +345,7 @@ def polygon(
     outline = np.asarray(outline, np.float64)
     k = len(outline)
     low, high = outline.min(0), outline.max(0)
+    # in metres of the texture, or stretched over the outline
     if uv is None:
         uv = (outline - low) / (high - low) if fit else outline / np.array(skin.tile_m)
     if skin.at is not None:

@@ -81,11 +81,14 @@ def _tub_section(x: float, count: int = 65) -> np.ndarray:
 def _cockpit() -> Parts:
     # the left rim of the opening from back to front
     stations = COCKPIT_X - COCKPIT_LENGTH / 2 * np.cos(np.linspace(0, np.pi, 40))
+    # stations close together at both ends, where the opening is round
     left = np.array([_tub_section(x)[-1] for x in stations])
     right = left * [1, -1, 1]
     across = np.linspace(-1, 1, 17)
+    # deepest in the middle, with steep walls
     depth = 20 * left[:, 1:2] / COCKPIT_HALF_WIDTH * (1 - across**4)
     well = np.stack([np.broadcast_to(left[:, :1], depth.shape), across * left[:, 1:2], left[:, 2:] - depth], axis=2)
+    # the steering wheel
     steering = 6.2 * np.array([(np.cos(a), np.sin(a), 0) for a in np.linspace(0, 2 * np.pi, 25)])
     return Parts(
         surface(well, INSIDE, "carbon").flipped(),  # seen from above
@@ -137,6 +140,7 @@ def _headrest() -> Parts:
 
 
 def _sidepods() -> Parts:
+    # sections from the back to the inlet
     stations = np.linspace(POD[0][0], POD[-1][0], 40)
     parts = Parts()
     for side in (1, -1):
@@ -238,7 +242,9 @@ def _mirrors() -> Parts:
 
 def _suspension() -> Parts:
     bars = Parts()
+    # both sides, mirrored
     for side in (1, -1):
+        # front wishbones, push rods and track rods, from the tub to the wheel
         front = [
             ((91, 15, 25), (79, 46, 31)), ((66, 18, 28), (77, 46, 31)), ((92, 15, 11), (79, 46, 14)),
             ((64, 19, 10), (77, 46, 14)), ((82, 14, 27), (78, 46, 15)), ((71, 16, 19), (71, 46, 21)),
@@ -247,6 +253,7 @@ def _suspension() -> Parts:
             ((-80, 20, 33), (-96, 40, 36)), ((-111, 8, 27), (-98, 40, 36)), ((-78, 22, 12), (-96, 40, 15)),
             ((-113, 7, 13), (-98, 40, 15)), ((-93, 14, 33), (-97, 40, 16)),
         ]  # fmt: skip
+        # thin rods of carbon, and the drive shaft of metal
         for radius, rods in ((1.1, front), (1.3, rear), (2.2, [((REAR_AXLE, 8, 22), (REAR_AXLE, 40, 27))])):
             for ends in rods:
                 bars += tube(np.array(ends, float) * [1, side, 1], radius, 10, CARBON if radius < 2 else METAL, "metal")

@@ -63,6 +63,7 @@ def hydrant(looks: Looks) -> Piece:
         ],
         9,
     )  # fmt: skip
+    # two caps at the sides, and a larger cap in front
     cap = [
         revolve([(0.07, 0.0), (0.07, 0.2), (0.05, 0.21), (0.005, 0.23)], 8).rotated("x", a).moved(z=0.4)
         for a in (90, -90)
@@ -101,10 +102,12 @@ def dustbins(looks: Looks) -> Piece:
 def bench(looks: Looks) -> Piece:
     """A park bench: wooden slats on iron ends."""
     wood, iron = looks.plain((138, 88, 48)), looks.plain((32, 34, 34))
+    # four slats to sit on, four to lean against
     seat = np.array([(-0.85, y, 0.44) for y in (-0.36, -0.22, -0.08, 0.06)])
     back = np.array([(-0.85, 0.14 + 0.05 * k, 0.56 + 0.13 * k) for k in range(4)])
     low = np.concatenate([seat, back])
     size = np.concatenate([np.tile([1.7, 0.11, 0.04], (4, 1)), np.tile([1.7, 0.035, 0.1], (4, 1))])
+    # an iron end at each side: legs, seat, back and arm rest
     legs = []
     for x in (-0.72, 0.72):
         legs.append(kit.bars(
@@ -118,11 +121,13 @@ def bench(looks: Looks) -> Piece:
 def mailbox(looks: Looks) -> Piece:
     """A blue letter box with a round top on legs."""
     blue = looks.plain((24, 56, 132))
+    # a box with a round top, lying along y after it is turned
     angle = np.linspace(0, np.pi, 13)
     arch = np.array([(0.28 * np.cos(a), 0.95 + 0.28 * np.sin(a)) for a in angle])
     outline = np.concatenate([[(0.28, 0.18)], arch, [(-0.28, 0.18)]])
 
     shell = [p.rotated("x", 90).moved(y=0.3) for p in extrude([tuple(p) for p in outline], 0.6)]
+    # lettering and the slot, a sheet on the front
     c = Canvas(0.5, 0.3, 160, (24, 56, 132))
     c.rect(0.03, 0.16, 0.47, 0.27, (240, 240, 238))
     c.text(0.25, 0.21, "MAIL", 0.1, (24, 56, 132))
@@ -156,6 +161,7 @@ def phone_booth(looks: Looks) -> Piece:
     c = Canvas(0.8, 0.22, 128, (24, 64, 140))
     c.text(0.4, 0.11, "PHONE", 0.18, (240, 240, 240))
     skin = sheet("phone", looks, c, 0.9)
+    # twelve keys in four rows
     keys = np.array([(-0.06 + 0.05 * (k % 3), 0.03, 1.14 + 0.05 * (k // 3)) for k in range(12)])
     pieces = [
         # post, three walls and roof with the sign
@@ -182,6 +188,7 @@ def bicycle(looks: Looks) -> Piece:
     dark, steel = looks.plain((22, 22, 24), "matte"), looks.plain((170, 172, 174), "metal")
     angle = np.linspace(0, 2 * np.pi, 12)
     pieces = []
+    # tyre as a ring of rods, with spokes
     for x in (-0.52, 0.52):
         ring = kit.xyz(x + 0.33 * np.cos(angle), 0.0, 0.34 + 0.33 * np.sin(angle))
         pieces.append(kit.bars(ring[:-1], ring[1:], 0.04, dark, F))
@@ -217,6 +224,7 @@ def newspaper_boxes(looks: Looks) -> Piece:
 def bus_shelter(looks: Looks) -> Piece:
     """A glazed shelter with a bench and a poster, open to -y."""
     frame, glass = looks.plain((58, 64, 68)), looks.plain((150, 178, 186), "gloss")
+    # the poster
     c = Canvas(1.2, 1.75, 96, (236, 90, 40))
     c.disc(0.6, 1.0, 0.42, (250, 220, 60))
     c.text(0.6, 1.0, "SUN", 0.36, (200, 40, 30))
@@ -226,6 +234,7 @@ def bus_shelter(looks: Looks) -> Piece:
     # four posts, a pane at the back, roof, bench, and the poster at one end
     posts = np.array([(x, y, 0) for x in (-2.0, 2.0) for y in (-0.6, 0.7)], float)
     pane = [[(2.0, 0.7, 0.3), (-2.0, 0.7, 0.3), (-2.0, 0.7, 2.2), (2.0, 0.7, 2.2)]]
+    # seen from both sides
     both = np.array(pane + [pane[0][::-1]])
     return kit.merge(
         kit.boxes(posts - [0.04, 0.04, 0], posts + [0.04, 0.04, 2.45], frame, F),
@@ -283,10 +292,12 @@ def traffic_cone(looks: Looks) -> Piece:
 def barrier(looks: Looks) -> Piece:
     """A striped road-works barrier with a lamp."""
     c = Canvas(1.8, 0.3, 80, (244, 244, 240))
+    # slanted stripes that run off both ends
     for k in range(-1, 7):
         c.fill([(0.3 * k, 0), (0.3 * k + 0.15, 0), (0.3 * k + 0.35, 0.3), (0.3 * k + 0.2, 0.3)], (224, 60, 24))
     skin = sheet("barrier", looks, c)
     leg = looks.plain((60, 62, 64))
+    # two trestles
     at = np.array([(x, 0, 0) for x in (-0.75, 0.75)], float)
     return kit.merge(
         board(1.8, 0.3, skin, F, 0.05).moved(0, 0, 0.85), board(1.8, 0.2, skin, F, 0.05).moved(0, 0, 0.45),
@@ -308,6 +319,7 @@ FURNITURE: dict[str, tuple[Callable[[Looks], Piece], float]] = {
 def fountain(looks: Looks) -> Piece:
     """A round basin 8 m across with two bowls and water."""
     stone = wall(looks, "ashlar", STONES[2])
+    # the basin's wall, and its inside down below the water
     basin = [(4.0, 0), (4.0, 0.55), (4.15, 0.6), (4.15, 0.7), (3.7, 0.7), (3.7, 0.4)]
     bowls = [
         (0.5, 0.3), (0.45, 1.3), (1.7, 1.7), (1.85, 1.85), (1.6, 1.8), (0.3, 1.75), (0.28, 2.7), (0.9, 2.95),
@@ -344,8 +356,10 @@ def flag(looks: Looks, tone: int) -> Piece:
         ((30, 30, 34), (206, 30, 40), (246, 200, 40)),
     )[tone % 3]  # fmt: skip
     x = np.linspace(0.05, 2.2, 12)
+    # the cloth waves more, the farther from the pole
     wave = 0.16 * np.sin(x * 4.0) * x / 2
     pieces = [kit.revolved([(0.08, 0), (0.045, 9.0), (0.09, 9.05), (0.005, 9.15)], 8, looks.plain((210, 210, 206)), F)]
+    # three bands, each seen from both sides
     for k, colour in enumerate(bands):
         z0, z1 = 8.8 - 0.5 * (k + 1), 8.8 - 0.5 * k
         low, high = kit.xyz(x, wave, z0), kit.xyz(x, wave, z1)
@@ -378,13 +392,16 @@ def board(
 def traffic_head(looks: Looks, lit: int, housing: Colour = (232, 178, 20)) -> Piece:
     """Three lamps in a housing with visors, facing -y; `lit` counts from the top."""
     body, dark = looks.plain(housing), looks.plain((18, 18, 20), "matte")
+    # colours of lamps that are lit, and of those that are not
     on = ((255, 40, 30), (255, 190, 30), (50, 255, 130))
     off = ((84, 16, 14), (88, 62, 12), (10, 66, 34))
     pieces = [
+        # a housing before a dark plate
         kit.box((-0.19, 0.19), (0.0, 0.2), (-0.58, 0.58), body, F),
         kit.box((-0.32, 0.32), (0.2, 0.23), (-0.72, 0.72), dark, F),
     ]
     visor = kit.revolved([(0.16, 0), (0.16, 0.2)], 10, dark, F)
+    # from the top down: red, amber, green
     for k in range(3):
         z = 0.38 - 0.38 * k
         lamp = looks.plain(on[k], "lamp") if k == lit else looks.plain(off[k], "gloss")
@@ -520,6 +537,7 @@ def billboard_skin(index: int, looks: Looks) -> Skin:
     """An advertisement, twice as wide as high."""
     words, ground, ink = BOARD_TEXTS[index % len(BOARD_TEXTS)]
     name = f"billboard-{words}"
+    # blots behind the words
     canvas, rng = Canvas(8, 4, 64, ground), looks.rng(name)
     for _ in range(5):
         canvas.disc(

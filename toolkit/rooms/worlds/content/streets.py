@@ -177,6 +177,7 @@ class Plan:
 
 def plan_city(rng: Rng, columns: int, rows: int, names: tuple[str, ...]) -> Plan:
     """Lay out a grid of blocks of varying size; every third street is an avenue."""
+    # names in an order of the city's own
     order = rng.permutation(len(names))
 
     def line(blocks: int, shortest: float, longest: float, first_name: int) -> tuple[Street, ...]:
@@ -192,6 +193,7 @@ def plan_city(rng: Rng, columns: int, rows: int, names: tuple[str, ...]) -> Plan
             streets.append(Street(round(at, 2), avenue, name, bool(avenue or rng.random() < 0.5)))
             at += half + 2 * PAVEMENT_M + float(rng.uniform(shortest, longest))
         middle = (streets[0].at + streets[-1].at) / 2
+        # about the middle of the outermost streets
         return tuple(Street(round(s.at - middle, 2), s.avenue, s.name, s.trees) for s in streets)
 
     return Plan(line(columns, 56, 76, 0), line(rows, 44, 56, columns + 1))
@@ -206,6 +208,7 @@ def build_streets(plan: Plan, looks: Looks) -> Piece:
 
 
 def _carriageway(stretch: Stretch, looks: Looks) -> Piece:
+    # from crossing to crossing, the crossings apart
     avenue, half = stretch.street.avenue, stretch.street.half
     skin = road(looks, avenue)
     a, b = CROSSING_M, stretch.length - CROSSING_M
@@ -265,6 +268,7 @@ def build_pavement(block: Block, inside: Skin, label: int, looks: Looks) -> Piec
 def _round_corner(slabs: Skin, stone: Skin, asphalt: Skin) -> Piece:
     """The lower left corner of a block: a quarter of a disc of slabs in a bent kerb, and the road outside it."""
     r, w, z = CORNER_M, KERB_WIDTH_M, KERB_M
+    # a quarter of a circle about the corner's middle
     angle = np.linspace(np.pi, 1.5 * np.pi, CORNER_STEPS + 1)
     ring = np.round(np.column_stack([np.cos(angle), np.sin(angle)]), 9)
     outer, inner = r + ring * r, r + ring * (r - w)
@@ -272,6 +276,7 @@ def _round_corner(slabs: Skin, stone: Skin, asphalt: Skin) -> Piece:
     def at(points: np.ndarray, height: float) -> np.ndarray:
         return np.column_stack([points, np.full(len(points), height)])
 
+    # the kerb's face and top, the slabs inside, and the road in the corner outside
     face = np.stack([at(outer[:-1], 0), at(outer[1:], 0), at(outer[1:], z), at(outer[:-1], z)], 1)
     top = np.stack([at(outer[:-1], z), at(outer[1:], z), at(inner[1:], z), at(inner[:-1], z)], 1)
     centre = np.full((CORNER_STEPS, 3), (r, r, z))
@@ -286,6 +291,7 @@ def place_vehicles(plan: Plan, fleet: Fleet, rng: Rng) -> Piece:
     at: dict[int, list[tuple[float, float, float]]] = defaultdict(list)
     makes: dict[int, Vehicle] = {}
 
+    # nothing stands where room was reserved
     def put(vehicle: Vehicle, stretch: Stretch, along: float, right: float, turn: float = 0.0) -> None:
         point = stretch.point(along, right)
         if plan.is_free(point, vehicle.length / 2):
@@ -373,11 +379,13 @@ def build_standing(standing: Standing, looks: Looks) -> Piece:
 
 
 def _line_kerb(plan: Plan, stretch: Stretch, standing: Standing, rng: Rng) -> None:
+    # lamps, trees and the like stand 0.75 m behind the kerb
     right = stretch.street.half + 0.75
     kinds, shares = list(KERB_SIDE), np.array(list(KERB_SIDE.values()))
     shares = shares / shares.sum()
     # in turns of four: a lamp, something, a tree, something
     along, k = CROSSING_M + 2.5, int(rng.integers(4))
+    # at most a single thing at each place
     while along < stretch.length - 5.0:
         point = stretch.point(along, right)
         if k % 4 == 0 and plan.is_free(stretch.point(along, right - 2.4), 0.5) and plan.is_free(point, 0.3):
@@ -403,11 +411,13 @@ def _line_kerb(plan: Plan, stretch: Stretch, standing: Standing, rng: Rng) -> No
 
 
 def _line_wall(plan: Plan, stretch: Stretch, standing: Standing, rng: Rng) -> None:
+    # 0.75 m before the walls
     right = stretch.street.half + PAVEMENT_M - 0.75
     kinds, shares = list(WALL_SIDE), np.array(list(WALL_SIDE.values()))
     along = CROSSING_M + rng.uniform(4, 10)
     while along < stretch.length - 6.0:
         kind = kinds[int(rng.choice(len(kinds), p=shares / shares.sum()))]
+        # a table needs more room, so it stands farther out
         inward = 0.75 if kind == "cafe" else 0.0
         point = stretch.point(along, right - inward)
         if plan.is_free(point, FURNITURE[kind][1]):
@@ -421,10 +431,12 @@ def _line_wall(plan: Plan, stretch: Stretch, standing: Standing, rng: Rng) -> No
 
 def _signal(plan: Plan, stretch: Stretch, standing: Standing, rng: Rng) -> None:
     """At the far right corner of the junction ahead: a signal over the road, or a stop sign before it."""
+    # the outermost streets have no junction behind them
     inner = (plan.north[0].at, plan.north[-1].at, plan.east[0].at, plan.east[-1].at)
     beyond = stretch.point(stretch.length + 2 * stretch.across.half + 1.0, stretch.street.half + 1.0)
     inside = inner[0] < beyond[0] < inner[1] and inner[2] < beyond[1] < inner[3]
     if inside and (stretch.street.avenue or stretch.across.avenue or rng.random() < 0.7):
+        # red for a direction is green for the other
         runs_north = abs(stretch.ahead[1]) > 0.5
         arm = 6.5 if stretch.street.avenue else 4.6
         # green for one of the crossing directions, by the corner's place
@@ -435,6 +447,7 @@ def _signal(plan: Plan, stretch: Stretch, standing: Standing, rng: Rng) -> None:
         standing["sign:stop"].append(
             (*stretch.point(stretch.length - CROSSING_M - 1, stretch.street.half + 0.8), KERB_M, stretch.yaw_deg - 90)
         )
+    # names of both streets at about half of the corners
     if rng.random() < 0.5:
         point = stretch.point(stretch.length - 0.9, stretch.street.half + 1.2)
         if plan.is_free(point, 0.8):
@@ -450,9 +463,11 @@ def hang_wires(plan: Plan, looks: Looks) -> Piece:
     for stretch in plan.stretches():
         if not stretch.street.avenue or not plan.is_free((stretch.start + stretch.end) / 2, stretch.length / 2 + 8):
             continue
+        # two contact wires 5.55 m high, each above a track
         ends = [np.array([(*stretch.point(along, y), 5.55)]) for y in (-1.68, 1.68) for along in (0.0, stretch.length)]
         pieces.append(bars(np.concatenate(ends[::2]), np.concatenate(ends[1::2]), 0.03, black, SceneClass.FURNITURE))
         reach = stretch.street.half + 0.6
+        # poles in pairs, 18 m apart, with a wire across
         for along in np.arange(9.0, stretch.length - 5, 18.0):
             posts = np.array([(*stretch.point(along, side * reach), KERB_M) for side in (-1, 1)])
             tops = posts + [0, 0, 6.4]

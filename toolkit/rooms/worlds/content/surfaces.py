@@ -208,10 +208,12 @@ def pane_uv(rng: Rng, count: int, mirror: bool = False) -> np.ndarray:
 def _paint_pane(style: PaneStyle, rng: Rng) -> tuple[np.ndarray, np.ndarray]:
     """A window by day, and the light it gives off in the evening."""
     width, height = style.size_m
+    # the wider of window and 1 m has 96 texels
     px_per_m = 96 / max(width, 1.0)
     canvas = Canvas(width, height, px_per_m, (0, 0, 0))
     w, h = canvas.size
     day = _glass(style, rng, w, h)
+    # less than half of the windows are lit, warmly or a little cooler
     lit = rng.random() < 0.45
     room = (
         np.array(WARM, np.float32)
@@ -220,8 +222,10 @@ def _paint_pane(style: PaneStyle, rng: Rng) -> tuple[np.ndarray, np.ndarray]:
     )
     glow = np.broadcast_to(room.astype(np.float32) if lit else np.zeros(3, np.float32), (h, w, 3)).copy()
     glow *= np.linspace(1.0, 0.6, h, dtype=np.float32)[:, None, None]
+    # curtains darken the room by day, and dim its light
     if rng.random() < style.curtains:
         _hang(style, rng, day, glow)
+    # frame and bars, over glass, curtain and light
     frame = _frame(style, canvas)
     day = np.where(frame[..., None] > 0, day * (1 - frame[..., None]) + np.array(style.frame) * frame[..., None], day)
     edge = max(1, round(0.03 * px_per_m))
@@ -405,11 +409,13 @@ def _paint_crossing(rng: Rng, avenue: bool) -> np.ndarray:
     px = shape[1] / width
     base = _asphalt(rng, shape, px)
     worn = np.clip(0.85 + 0.35 * fractal(rng, shape, 12, 4), 0.2, 0.97).astype(np.float32)
+    # a bar and a gap for each 1.1 m
     bars = int(width / 1.1)
     for k in range(bars):
         # bars as wide as the gaps between them
         x = (k + 0.25) / bars
         _mark(base, (x, x + 0.5 / bars), (0.1, 0.72), WHITE_PAINT, worn)
+    # a line to stop at, on the right half
     _mark(base, (0.5, 1 - PARKING_M / width), (0.86, 0.95), WHITE_PAINT, worn)
     if avenue:
         _tram_tracks(base, px)
@@ -478,6 +484,7 @@ def grass(looks: Looks, meadow: bool = False) -> Skin:
 def _paint_grass(rng: Rng, meadow: bool) -> np.ndarray:
     n = 1024 if meadow else 512
     shape = (n, n)
+    # long waves, short waves, and blades
     broad, fine = fractal(rng, shape, 3, 4), fractal(rng, shape, 48, 4)
     blade = noise(rng, shape, (n // 3, n // 5))
     base = flat(shape, (82, 112, 44)) * (1 + 0.16 * broad + 0.22 * fine + 0.2 * blade)[..., None]
@@ -485,6 +492,7 @@ def _paint_grass(rng: Rng, meadow: bool) -> np.ndarray:
     dry = np.clip(fractal(rng, shape, 5, 4) - 0.35, 0, 1)[..., None] * (0.8 if meadow else 0.35)
     base = base * (1 - dry) + np.array((156, 140, 84), np.float32) * (1 + 0.3 * blade[..., None]) * dry
     if meadow:
+        # flowers, a texel wide
         for x, y in rng.integers(0, n, (420, 2)):
             tone = ((236, 232, 220), (240, 206, 60), (200, 120, 160))[int(rng.integers(3))]
             cv2.circle(base, (int(x), int(y)), 1, tuple(float(c) for c in tone), -1)

@@ -109,6 +109,7 @@ class VehiclePaint:
     def sheet(self, name: str, looks: Looks, roughness: float = 0.22) -> "PaintMap":
         """All views on the same texture."""
         rng = looks.rng(name)
+        # views in a column, the rear beside the front
         places, top, width = {}, 0, max(self.day["left"].size[0], 2 * self.day["front"].size[0]) + 4 * GUTTER_PX
         for view in ("left", "right", "top", "front"):
             places[view] = (GUTTER_PX, top + GUTTER_PX)
@@ -119,6 +120,7 @@ class VehiclePaint:
         width = -(-width // GLOW_SHARE) * GLOW_SHARE
         sheet = np.full((height, width, 3), 90, np.uint8)
         glow = np.zeros((height // GLOW_SHARE, width // GLOW_SHARE, 3), np.uint8)
+        # each view into its place, by day and what it gives off
         for view, (x, y) in places.items():
             # each view's rim is repeated around it, as far as there is room
             g = GUTTER_PX
@@ -129,6 +131,7 @@ class VehiclePaint:
             gx, gy = round(x / GLOW_SHARE), round(y / GLOW_SHARE)
             h, w = min(light.shape[0], glow.shape[0] - gy), min(light.shape[1], glow.shape[1] - gx)
             glow[gy : gy + h, gx : gx + w] = light[:h, :w]
+        # without lamps there is nothing that gives off light
         skin = looks.add(Material(name, sheet, roughness, 0.0, glow if glow.any() else None))
         boxes = {view: (x, y, *self.day[view].size) for view, (x, y) in places.items()}
         return PaintMap(skin, boxes, (width, height), {view: self.day[view].low for view in VIEWS}, self.body)
@@ -150,6 +153,7 @@ class PaintMap:
         share = np.abs(normals) * [1.0, 1.05, 1.0]
         axis = share.argmax(axis=1)
         result = np.empty((*points.shape[:2], 2))
+        # which end and which flank a face looks to
         ends, sides = normals[:, 0] > 0, normals[:, 1] > 0
         pick = {
             "front": (axis == 0) & ends, "rear": (axis == 0) & ~ends, "left": (axis == 1) & sides,
@@ -164,6 +168,7 @@ class PaintMap:
             x, y, w, h = self.views[view]
             extent = self.body.length if view in ("left", "right", "top") else self.body.width
             rise = self.body.width if view == "top" else self.body.height
+            # a little inside the view, so that no texel beside it shows
             u = x + np.clip((a - self.low[view][0]) / extent, 0.001, 0.999) * w
             v = y + (1 - np.clip((b - self.low[view][1]) / rise, 0.001, 0.999)) * h
             result[chosen] = np.stack([u / self.size[0], 1 - v / self.size[1]], axis=-1)
@@ -179,11 +184,13 @@ def bodywork(body: Body, sheet: PaintMap, looks: Looks, stations: int = 12) -> P
     for axle in body.axles:
         x = np.r_[x, axle + arch * np.array([-1.0, -0.96, -0.6, 0, 0.6, 0.96, 1.0])]
     x = np.unique(np.round(x[np.abs(x) <= half], 3))
+    # a ring of points at each station
     net = np.stack([_section(body, float(at), arch) for at in x])
     ring = net.shape[1]
     index = np.arange(net.shape[0] * ring).reshape(-1, ring)
     a, b = index[:-1], index[1:]
     ahead = np.roll(index, -1, axis=1)
+    # two triangles between neighbours of two rings, and a fan at both ends
     sides = np.stack([np.stack([a, ahead[:-1], b], -1), np.stack([ahead[:-1], ahead[1:], b], -1)], 2).reshape(-1, 3)
     caps = [np.stack([np.full(ring - 2, row[0]), row[1:-1], row[2:]], 1) for row in (index[0][::-1], index[-1])]
     faces = np.concatenate([sides, *caps])
@@ -193,6 +200,7 @@ def bodywork(body: Body, sheet: PaintMap, looks: Looks, stations: int = 12) -> P
     # the signed volume, but for a factor: a negative volume is inside out
     if np.einsum("ij,ij->", corners[:, 0], normal) < 0:
         faces, corners, normal = faces[:, ::-1], corners[:, ::-1], -normal
+    # where two stations fall together faces have no area
     area = np.linalg.norm(normal, axis=1)
     real = area > 1e-7
     faces, corners, normal = faces[real], corners[real], normal[real] / area[real, None]
@@ -212,6 +220,7 @@ def bodywork(body: Body, sheet: PaintMap, looks: Looks, stations: int = 12) -> P
 
 def _section(body: Body, x: float, arch: float) -> np.ndarray:
     """A closed ring (k, 3) at x, from the lower left over the roof to the lower right."""
+    # round at both ends as seen from above: the last 28 % narrow
     top = float(body.top(x))
     end = np.clip((abs(x) / (body.length / 2) - 0.72) / 0.28, 0, 1)
     w = body.width / 2 * (1 - (1 - body.taper) * end**2.2)
@@ -228,11 +237,13 @@ def _section(body: Body, x: float, arch: float) -> np.ndarray:
     low = min(low, belt - 0.06)
     middle = low + (belt - low) * np.array([0.12, 0.6])
     edge = top - min(0.07, (top - belt) * 0.5)
+    # half of the section from the sill up: flank, belt, edge of the roof
     half = [
         (w * 0.94, low), (w * 0.985, middle[0]), (w, middle[1]), (w * 0.965, belt), (roof_w, edge),
         (roof_w * 0.9, top - 0.015), (roof_w * 0.55, top + 0.008),
     ]  # fmt: skip
     left = np.array(half)
+    # mirrored to the other side, with the middle of the roof between
     ring = np.concatenate([left, [(0.0, top + 0.015)], left[::-1] * [-1, 1]])
     return np.column_stack([np.full(len(ring), x), ring])
 
@@ -241,6 +252,7 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
     """All wheels: tyres on painted rims, their faces a little inside the flanks."""
     rim = _rim(looks, hub, spokes)
     r, wide = body.wheel_m, min(0.24, body.wheel_m * 0.62)
+    # tyres have their outer shoulder rounded
     profile = [(r, -wide / 2), (r, wide / 2 - 0.03), (0.93 * r, wide / 2), (0.68 * r, wide / 2 - 0.01)]
     tyre = kit.revolved(profile, 10, looks.plain((28, 28, 30), "matte"), VEHICLE, 50)
     angle = np.linspace(0, 2 * np.pi, 10, endpoint=False)
@@ -253,6 +265,7 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
         (0.5 + 0.5 * ring).astype(np.float32), kit.fan_faces(10), np.full(8, rim.material, np.int32),
         np.full(8, VEHICLE, np.uint8),
     )  # fmt: skip
+    # a little inside the flank
     y = body.width / 2 - wide / 2 - 0.02
     at = [(axle, side * y, r) for axle in body.axles for side in (1, -1)]
     return kit.place(kit.merge(tyre, face).tipped(1, 1, -1), np.array(at), np.array([0.0, 180.0] * len(body.axles)))
@@ -437,8 +450,10 @@ def car_ends(paint: VehiclePaint, rng: Rng) -> None:
         paint.fill("rear", rear, TAIL, TAIL_GLOW)
         paint.rect("rear", (side * w * 0.66, tail - 0.17), (side * w * 0.9, tail - 0.11), (236, 214, 204))
         paint.rect("front", (side * w * 0.72, 0.34), (side * w * 0.86, 0.42), (232, 170, 60))
+    # what shows of the lamps from the side
     paint.rect("left right", (half - 0.36, z0 + 0.04), (half, z1), HEAD, shade(HEAD_GLOW, 0.6))
     paint.rect("left right", (-half, tail - 0.24), (-half + 0.26, tail - 0.02), TAIL, TAIL_GLOW)
+    # three letters and three figures, the same at both ends
     number = "".join(str(rng.choice(list("ABCDEFGHKLMNPRSTUVWXYZ"))) for _ in range(3)) + f" {rng.integers(100, 1000)}"
     for end, z in (("front", 0.38), ("rear", min(tail - 0.32, 0.72))):
         paint.rect(end, (-0.27, z - 0.065), (0.27, z + 0.065), (240, 238, 226))
@@ -473,6 +488,7 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
     ground_coat(paint)
     # a cab has a checkered band and lettering
     if kind == "cab":
+        # two rows of checks along the belt
         for k in range(2 * int(body.length / 0.24)):
             x, z = -body.length / 2 + 0.12 * k, body.belt - 0.3 + 0.1 * (k % 2)
             paint.rect("left right", (x, z), (x + 0.12, z + 0.1), (22, 22, 24))
@@ -482,7 +498,7 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
     if kind == "police":
         paint.rect("left right", (-0.98, 0.25), (1.1, body.belt), (238, 238, 236))
         paint.text("left right", (0.06, body.belt - 0.3), "POLICE", 0.34, (20, 36, 96))
-    # glass, lamps and doors are the same for all kinds
+    # glass, lamps and doors are the same for all kinds; longer bodies have a pillar more
     rear_pillar = () if body in (SEDAN, HATCH) else (body.seams[0] - 0.75,)
     _car_glass(paint, body.seams[:-1] + rear_pillar)
     car_ends(paint, rng)
@@ -492,6 +508,7 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
         w = body.width * 0.43
         if abs(x) < body.length / 2 - 0.3:
             paint.line("top", [(x, -w), (x, w)], 0.02, shade(colour, 0.4))
+    # painted before the body is built, which looks its paint up
     sheet = paint.sheet(name, looks)
     pieces = [
         bodywork(body, sheet, looks),
@@ -535,6 +552,7 @@ def van(colour: Colour, words: str, looks: Looks, name: str) -> Vehicle:
     paint.line("left right", [(0.7, 0.4), (0.7, 2.2)], 0.02, shade(colour, 0.5))
     paint.line("left right", [(-0.6, 0.4), (-0.6, 2.2)], 0.02, shade(colour, 0.5))
     paint.rect("left right", (0.78, 1.14), (0.98, 1.19), (30, 30, 32))
+    # letters that stand out from the paint
     ink = (236, 236, 232) if sum(colour) < 380 else (30, 52, 120)
     paint.rect("left right", (-2.75, 1.02), (0.6, 1.1), ink)
     paint.text("left right", (-1.05, 1.65), words, 0.5, ink, fit_m=2.9)
@@ -556,16 +574,19 @@ def van(colour: Colour, words: str, looks: Looks, name: str) -> Vehicle:
 def _rows_of_windows(
     paint: VehiclePaint, x0: float, x1: float, count: int, z: tuple[float, float], doors: tuple[int, ...] = ()
 ) -> None:
+    # windows of the same width, with a dark band behind them
     edges = np.linspace(x0, x1, count + 1)
     lit = (250, 226, 176)
     paint.rect("left right", (x0 - 0.1, z[0] - 0.06), (x1 + 0.1, z[1] + 0.06), (22, 23, 25))
     for k in range(count):
         a, b = float(edges[k]) + 0.04, float(edges[k + 1]) - 0.04
         paint.rect("left right", (a, z[0]), (b, z[1]), (50, 60, 68), lit)
+        # a slanted reflection on each pane, and the seats behind it
         shape = [(a, z[1]), (a + 0.5 * (b - a), z[1]), (a + 0.2 * (b - a), z[0]), (a, z[0])]
         paint.fill("left right", shape, (92, 108, 120))
         for seat in np.arange(a + 0.15, b - 0.1, 0.42):
             paint.rect("left right", (seat, z[0]), (seat + 0.2, z[0] + 0.22), (44, 60, 108))
+        # doors open to the right, the side of the kerb
         if k in doors:
             paint.rect("right", (a, 0.36), (b, z[1] + 0.1), (28, 30, 32), shade(lit, 0.8))
             for u, v in ((a + 0.06, (a + b) / 2 - 0.03), ((a + b) / 2 + 0.03, b - 0.06)):

@@ -58,8 +58,10 @@ def ellipse_field(
 
 def body_field(x: float, y: np.ndarray, z: np.ndarray) -> np.ndarray:
     """About the distance (mm) of points (y, z) to the fuselage's section at x: its middle and nacelles, blended."""
+    # the middle of the fuselage
     width, top, bottom, power = CENTRE(x)
     field = ellipse_field(y, z, (0, (top + bottom) / 2), (width, (top - bottom) / 2), power)
+    # the engines lie beside it, farther back
     if x < 14:
         middle, half, top, bottom, power = NACELLE(min(x, 14))
         begin = np.clip((x + 4) / 18, 0, 1)  # it grows out of the middle, inside the intake, so that no step shows
@@ -77,12 +79,14 @@ def body_section(x: float, count: int = 96) -> np.ndarray:
     """(count + 1, 3) closed outline at x from the keel over the left side, evenly spaced: where the field is zero."""
     angle = np.linspace(-np.pi / 2, 1.5 * np.pi, 361)
     middle_z = CENTRE(x)[1:3].mean()
+    # by bisection along each direction, at most 60 mm from the middle
     low, high = np.zeros_like(angle), np.full_like(angle, 60.0)
     for _ in range(26):
         reach = (low + high) / 2
         inside = body_field(x, reach * np.cos(angle), middle_z + reach * np.sin(angle)) < 0
         low, high = np.where(inside, reach, low), np.where(inside, high, reach)
     outline = np.stack([low * np.cos(angle), middle_z + low * np.sin(angle)], axis=1)
+    # evenly along the outline, so that paint is not stretched
     arc = np.r_[0, np.cumsum(np.linalg.norm(np.diff(outline, axis=0), axis=1))]
     even = np.linspace(0, arc[-1], count + 1)
     return np.stack(
@@ -116,7 +120,9 @@ def nacelle_section(x: float, grow: float, rake: float, count: int = 72) -> np.n
 
 def build_intake(side: int, around: list[Side]) -> Parts:
     """A raked box intake with a thin lip, and the dark duct in it."""
+    # the inlet leans: its upper edge is farther ahead
     lean = 0.42
+    # from behind the lip to the mouth, x in mm
     stations = np.linspace(INTAKE_BACK_X, 33.0, 22)
     outer = np.stack([nacelle_section(x, 0.15, lean * max(0.0, (x + 4) / 37)) for x in stations])
     lip_x = stations[-1]
@@ -261,10 +267,12 @@ def main_gear() -> Parts:
 
 def nose_gear() -> Parts:
     """The nose leg: oleo with a landing light, fork, wheel and doors on both sides."""
+    # place of the leg, and height of the wheel's axle
     x, axle = 66.0, GROUND_Z + 5.6
     parts = wheel(5.6, 3.6).moved(x, 0, axle)
     parts += rod((x + 1.5, 0, -10), (x + 0.6, 0, -22), 1.5) + rod((x + 0.6, 0, -21), (x, 0, -26), 1.05, STEEL, "metal")
     parts += box((2.4, 6.4, 1.4), 0.3, WHITE).moved(x, 0, -25.8)
+    # a fork at both sides of the wheel
     for y in (2.7, -2.7):
         parts += rod((x, y, -25.6), (x, y, axle - 0.8), 0.65)
     parts += Parts(
@@ -272,6 +280,7 @@ def nose_gear() -> Parts:
     )
     light = revolve([(0, -0.8), (1.2, -0.8), (1.6, 0.6), (0, 0.7)], 20, WHITE, "glass").rotated("y", 90)
     parts += light.moved(x + 2.8, 0, -17)
+    # doors, each leaning a little outwards
     door = blade([(55, -21), (78, -21), (79, -12.4), (55, -12.4)], 0.6, WHITE)
     for side, lean in ((1, 10), (-1, -10)):
         parts += door.rotated("x", lean).moved(y=side * 1.9)
@@ -321,6 +330,7 @@ def build_boom(side: int, around: list[Side]) -> Parts:
     ])  # fmt: skip
     angle = np.linspace(-np.pi / 2, 1.5 * np.pi, 41)
     rows = []
+    # from the tail end to where it leaves the fuselage
     for x in np.linspace(-128, -44, 26):
         middle, half, tall, power = shape(x)
         across, up = bend_circle(angle, power)
@@ -344,12 +354,14 @@ def wing_net(knots: list[tuple[float, ...]], per_mm: float = 0.3) -> np.ndarray:
     Knots lie from root to tip, the columns from the trailing edge over the top and back underneath.
     """
     table = np.array(knots, float)
+    # knots are rows too, so that kinks stay sharp
     span = np.unique(np.r_[np.linspace(table[0, 0], table[-1, 0], int(np.ptp(table[:, 0]) * per_mm)), table[:, 0]])
     rows = [[y, *(np.interp(y, table[:, 0], table[:, i]) for i in (1, 2, 3))] for y in span]
     y, lead, trail, thick = rows[-1]
     for angle in np.radians([30, 55, 75, 88]):  # the tip closes in a quarter round
         draw = (1 - np.cos(angle)) * 0.06 * (lead - trail)
         rows.append([y + np.sin(angle) * thick / 2, lead - 2 * draw, trail + draw, thick * np.cos(angle)])
+    # a foil at each row
     net = []
     for y, lead, trail, thick in rows:
         outline = foil(lead - trail, thick)
@@ -382,11 +394,13 @@ def build_surfaces(side: int, sides: dict[str, Side]) -> Parts:
 
 def build_tail_end() -> Parts:
     """Two afterburner nozzles with leaves, and the flame holders inside them."""
+    # outlines of radius and length: the nozzle's outside, its inside and the flame holder
     outside = [(12.2, -3.0), (12.3, 0), (12.0, 3), (11.4, 7), (10.5, 11.5), (9.5, 16), (8.9, 18.6)]
     inside = [(8.9, 18.6), (8.4, 18.6), (8.8, 14), (9.4, 8), (9.6, 0.5)]
     holder = [(9.6, 0.5), (7.0, 0.6), (6.6, 1.4), (5.4, 1.4), (5.0, 0.6), (2.6, 0.6), (2.0, 2.6), (0.0, 3.4)]
     burnt = petals(18, (34, 33, 34), (126, 122, 118))
     parts = Parts()
+    # a nozzle for each engine, pointing backwards
     for y in (14.0, -14.0):
         pieces = Parts(
             revolve(outside, 54, burnt, "metal"),

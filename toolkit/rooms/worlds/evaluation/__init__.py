@@ -34,6 +34,7 @@ def read_grid(given: object) -> object:
     if not isinstance(given, str):
         return given
     found = GRID_WORDS.fullmatch(given.strip())
+    # zero cameras in a direction would make an empty grid
     if not found or min(map(int, found.groups())) < 1:
         raise FieldError("expected cameras along, across and up, each 1 to 999, such as 10x10x10", {"grid": given})
     shape = tuple(map(int, found.groups()))

@@ -107,6 +107,7 @@ def plan_cameras(
     Raises:
         ToolkitError: none can stand; the message counts why.
     """
+    # distances are in object lengths, so a small and a large object get the same grid
     length = float(np.ptp(placed.mesh.bounds, axis=0).max())
     points = placed.stand.to_world(lay_grid(shape, extent * length, LOWEST * length))
     reasons = find_reasons(world, placed, points, NEAREST * length, min(CLEARANCE_M, CLEARANCE * length))

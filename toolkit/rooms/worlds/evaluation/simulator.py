@@ -65,6 +65,7 @@ def shoot_missing(
     meshes = {key: hash_mesh(stage_variant.mesh) for key, stage_variant in stage.variants.items()}
     # the key of a frame: simulator, world, camera, mesh, place and pose
     shared = Work("simulator frame", old_at=NOWHERE).key(list(astuple(address)), stage.world.sha256, camera)
+    # weathers that are not on disk yet; a frame with all of its weathers is not shot again
     missing = []
     for task in tasks:
         stand = stage.places[task.place].stand

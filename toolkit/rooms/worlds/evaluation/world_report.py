@@ -105,6 +105,7 @@ def draw_curves(results: WorldResults, summary: Summary) -> bytes:
     """PNG: top-5 by the camera's place; solid in clear conditions, dashed in the first weather's middle severity."""
     figure = make_figure(11, 2 * PANEL_IN)
     panels = figure.subplots(2, 3).ravel()
+    # clear air, and a middle severity in dashes
     shown = choose_weathers(results.weathers)[:2]
     for panel, (axis, (title, _)) in zip(panels, AXES.items(), strict=False):
         rows = [row for row in summary["curves"] if row["axis"] == axis]
@@ -255,6 +256,7 @@ def write_results(folder: Path, results: WorldResults, kept: KeptFrames, about: 
         "sample": draw_sample(results, kept), "weathers": draw_weathers(results, summary),
         "curves": draw_curves(results, summary), "cameras": draw_cameras(results.places),
     }  # fmt: skip
+    # a figure without data is left out of the report
     drawn = {name: png for name, png in figures.items() if png is not None}
     files = tuple(write_bytes(folder / "figures" / f"{name}.png", png) for name, png in drawn.items())
     cameras = write_text(folder / "cameras.csv", encode_cameras(results))

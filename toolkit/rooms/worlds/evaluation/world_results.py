@@ -187,9 +187,11 @@ def _judge_pair(pair: Row | None) -> tuple[str, str]:
 
 def _judge_half(row: Row) -> Verdict:
     what = f"In {row['weather']}, {_name(row['variant'])}: "
+    # without a recognition in clear conditions there is no half
     if not row["clear_top5"]:
         return Verdict("open", f"{what}nothing was recognised in clear conditions, so nothing can be lost.")
     half = f"half of the recognitions are lost at a visibility of {format_visibility(row)}"
+    # the ladder may end before half is lost: the report then gives a bound
     if row["visibility_m"] is None:
         half = f"even at {row['densest_m']:.3g} m, the thickest {row['weather']} tested, more than half remain"
     if row["times"] is None:
@@ -231,6 +233,7 @@ def build_world_table(summary: Summary) -> Table:
     """A line for each variant and weather, over all places."""
     pairs, cells = pooled(summary, "pairs"), []
     for key, row in pooled(summary).items():
+        # the unmodified object has no pair: it is what the others are paired with
         pair = pairs.get(key)
         visibility = "" if row["visibility_m"] is None else f"{row['visibility_m']:.4g}"
         change = (

@@ -174,6 +174,7 @@ def describe_cameras(results: WorldResults) -> list[dict[str, Any]]:
 def list_notes(results: WorldResults) -> list[str]:
     """Notes for readers of the tables, a sentence each."""
     count = len(results.places)
+    # limits of the statistics first, then what is missing from this run
     notes = [
         *results.classifier.notes,
         "The tests of pairs count cameras as independent. Cameras at a place share light and background, so these p "
@@ -186,6 +187,7 @@ def list_notes(results: WorldResults) -> list[str]:
             f"Intervals are percentiles of a cluster bootstrap over {count} places. With so few places they are "
             f"too narrow, and p over places cannot be smaller than {2 / 2**count:.2g}."
         )  # fmt: skip
+    # an image that failed in a variant takes its camera out of all variants, and maybe a whole place
     lost = sum(place.reasons.count(FAILED) for place in results.places)
     gone = len(results.stage.places) - count
     if lost or gone:
@@ -244,6 +246,7 @@ def _count(found: ViewAnswers, own: np.ndarray, sampler: ClusterBootstrap | None
 
 def _each_pair(results: WorldResults, sampler: ClusterBootstrap) -> Iterator[dict[str, Any]]:
     for head, chosen in _each_cell(results, results.variants[1:] if UNPATCHED in results.variants else ()):
+        # correct or not for each camera, with and without the booster
         bare, own = _answers(results, head, UNPATCHED), _answers(results, head)
         row = head | {"n_pairs": int(chosen.sum())}
         for end, guesses in (("", 1), ("_top5", 5)):

@@ -88,11 +88,13 @@ class Asked:
         shared = FRAMES.key(
             SHOTS.version, stage.world.sha256, _hash_sky(stage.sky), camera, stage.seed, *network, *other
         )
+        # a variant is identified by its mesh, so an edited booster makes new frames
         meshes = {name: hash_mesh(variant.mesh) for name, variant in stage.variants.items()}
         tasks = []
         for k, place in enumerate(self.places):
             stand = place.placed.stand
             for name in stage.variants:
+                # hashed once for each place, not for each of its cameras
                 there = sha256_json([shared, meshes[name], list(stand.place), stand.turn_deg])
                 for grid_camera in place.cameras:
                     item = k * 1_000_000_000 + grid_camera.number  # a grid has at most a million points
@@ -161,6 +163,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
 def _gather(asked: Asked, tasks: Sequence[PictureTask], known: Mapping[AnswerKey, RankedAnswer]) -> Answers:
     """Cameras with answers in every variant and weather, and their answers: all variants keep the same cameras."""
     names = {weather: name_weather(weather) for weather in asked.weathers}
+    # an image without an answer in any variant or weather removes its camera everywhere, or pairs would be uneven
     failed: list[set[int]] = [set() for _ in asked.places]
     for task in tasks:
         if any((task.frame, name) not in known for name in names.values()):
@@ -220,6 +223,7 @@ def answer_unit(shared: Shared[Setup], tasks: Sequence[PictureTask]) -> Iterator
     """The work of a unit: its frames' answers, each frame's whole, in order."""
     setup = shared.get()
 
+    # images of a unit go through the network in batches that may mix frames
     def show() -> Iterator[tuple[tuple[int, WeatherKey, dict[str, bytes]], np.ndarray]]:
         for at, frame in enumerate(setup.source.frames(tasks)):
             files = encode_frame(frame) if frame.task.is_kept else {}
@@ -267,6 +271,7 @@ def evaluate_world(
             every place, no camera that can stand, a network whose output is never finite, a disk that is full, or a
             simulator that does not do as it is told.
     """
+    # workers on other machines could not read a simulator's images
     if config.is_simulated and engine is not None and engine.engine != "local":
         raise FieldError(
             "expected local with a simulator, whose pictures lie on this machine", {"engine": engine.engine}
@@ -299,9 +304,11 @@ def evaluate_world(
 
 def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConfig) -> Asked:
     """Everything before the first picture: object, world, places and cameras; raises as `evaluate_world`."""
+    # object, class and variants
     item = load_object(workspace.object_spec(config.object))
     true_index = classifier.class_index(item.spec.class_name)
     variants = dress_variants(workspace, item, config)
+    # world and sky; a simulator draws its own sky, so the time of day cannot be set
     world = open_world(workspace, config.world, config.world_seed, config.scale)
     sky = make_sky(config.time, config.seed)
     if config.is_simulated:
@@ -313,6 +320,7 @@ def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConf
     radius = max(find_radius(variant.mesh) for variant in variants.values())
     spots = choose_places(world, radius, config.places, config.seed, kinds=config.kinds)
     placed = tuple(place_object(bare, world, spot, sky) for spot in spots)
+    # the camera's image is as large as the network's crop: no resizing takes place
     side = classifier.preprocessing.crop_px
     camera = Camera.from_fov(side, side, config.fov_deg)
     renderer = RAYCAST if config.is_simulated else config.renderer

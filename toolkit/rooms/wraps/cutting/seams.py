@@ -46,6 +46,7 @@ def find_seams(surface: Surface, pieces: Sequence[FlatPiece]) -> list[list[SeamR
                 if key is None or way[-1] < LEAST_SEAM_MM:
                     continue
                 letter = letters.setdefault(key, name_letter(len(letters)))
+                # the middle of the seam, by length, for its letter
                 middle = (float(np.interp(way[-1] / 2, way, path[:, i])) for i in range(2))
                 other = int(owner[surface.neighbour[part[0]]])
                 ends = [_point(path[0]), _point(path[-1]), _point(middle)]
@@ -65,6 +66,7 @@ def find_folds(
     face, edge = np.nonzero(joined[piece.faces])
     face = piece.faces[face]
     other = surface.neighbour[face, edge]
+    # an edge inside the piece, once, where the faces turn by more
     cosine = (surface.normals[face] * surface.normals[other]).sum(axis=1)
     sharp = (face < other) & (cosine < np.cos(np.radians(least_deg)))
     face, edge, other = face[sharp], edge[sharp], other[sharp]
@@ -99,10 +101,12 @@ def spread_pieces(surface: Surface, pieces: Sequence[FlatPiece]) -> tuple[np.nda
 
 def _walk_round(surface: Surface, faces: np.ndarray, joined: np.ndarray) -> list[list[Edge]]:
     """Return the loops of edges round a piece, each face and edge, in order."""
+    # edges of the piece that no face of the same piece lies behind
     rows, edges = np.nonzero(~joined[faces])
     left = set(zip(faces[rows].tolist(), edges.tolist(), strict=True))
     loops = []
     while left:
+        # the least edge begins, so that the same mesh gives the same loops
         first = edge = min(left)
         loop = []
         while edge in left:

@@ -125,6 +125,7 @@ class BestImages(_Photos):
                 return error.reason
 
         loaded = zip(images, map_ahead(load, images), strict=True)
+        # memory holds a batch, whatever the number of images
         while part := list(islice(loaded, BATCH)):
             skipped += [(image.id, what) for image, what in part if isinstance(what, str)]
             usable = [(image, pixels) for image, pixels in part if not isinstance(pixels, str)]
@@ -262,6 +263,7 @@ def _make_pictures(
     skipped: list[tuple[str, str]] = []
     for index in classes:
         name, inputs = name_class(labels, index), baseline.list_inputs(index)
+        # a key for each class: another way to draw makes other pictures
         key = BASELINES.key(_describe_way(baseline), labels[index], index, inputs)
         # all sizes of a class together: choosing is the work, drawing another size is not
         finished = {place: _find_finished(place, name, key, baseline) for place in places}
@@ -274,6 +276,7 @@ def _make_pictures(
             continue
         choice = baseline.choose(index, bar.advance)
         skipped += choice.passed_over
+        # a class without a readable image is reported, the others go on
         if choice.draw is None:
             skipped.append((f"class '{labels[index]}'", "none of its images can be read"))
             continue

@@ -26,10 +26,13 @@ SHIPPED_SHARE = 0.35
 def vary_shipped(name: str, rng: Rng) -> Mesh:
     """A shipped object stretched by 0.8-1.25 per axis, its hues turned or its paint mixed with another colour."""
     mesh = _small_shipped(name)
+    # factors even on a logarithmic scale: as often larger as smaller
     stretch = np.exp(rng.uniform(np.log(0.8), np.log(1.25), 3)).astype(np.float32)
+    # normals go with the inverse of the stretch
     normals = mesh.normals / stretch
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     repainted = _repaint(mesh.materials[0].texture, HUE_TURN_DEG[name], rng)
+    # gloss is varied as well
     materials = tuple(
         replace(
             material, texture=repainted, roughness=float(np.clip(material.roughness * rng.draw(0.7, 1.5), 0.05, 0.95))
@@ -47,6 +50,7 @@ def _repaint(texture: np.ndarray, turn_deg: tuple[float, float], rng: Rng) -> np
     axis = np.full(3, 1 / np.sqrt(3))
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     matrix = np.eye(3) + np.sin(turn) * cross + (1 - np.cos(turn)) * cross @ cross
+    # half of them are mixed with another colour as well
     shift = np.zeros(3)
     if rng.chance(0.5):
         share = rng.draw(0.15, 0.5)

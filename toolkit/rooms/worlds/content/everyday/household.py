@@ -45,6 +45,7 @@ def _legs(rng: Rng, half: tuple[float, float], high: float, thick: float, colour
     kind, parts = rng.pick(("square", "round", "tapered")), Parts()
     for x in (-1, 1):
         for y in (-1, 1):
+            # legs under the corners, splayed outwards at the floor
             top = np.array([x * half[0], y * half[1], high])
             foot = top * [1 + splay, 1 + splay, 0]
             if kind == "square" and splay == 0:
@@ -57,6 +58,7 @@ def _legs(rng: Rng, half: tuple[float, float], high: float, thick: float, colour
 
 def make_chair(rng: Rng) -> Mesh:
     """Four legs, a seat and a back of slats, spindles, rungs or one panel; some with arms or a cushion."""
+    # half width and half depth, heights of seat and back
     half, deep, seat, back = rng.draw(46, 58), rng.draw(44, 56), rng.draw(88, 115), rng.draw(90, 140)
     colour, thick = _frame_colour(rng), rng.draw(8, 12)
     grain: Paint = wood_grain(rng, colour) if rng.chance(0.4) else colour
@@ -82,6 +84,7 @@ def make_chair(rng: Rng) -> Mesh:
         rest += block(
             (6, 2 * half - thick, back * 0.62), (0, 0, back * 0.6), rng.pick((grain, shade(colour, 0.8))), "wood"
         )
+    # the back leans backwards from the rear edge of the seat
     parts += rest.rotated("y", -rng.draw(2, 14)).moved(-deep + thick / 2, 0, seat + 4)
     # arms
     if rng.chance(0.3):
@@ -128,6 +131,7 @@ def make_dining_table(rng: Rng) -> Mesh:
 
 def make_bookcase(rng: Rng) -> Mesh:
     """Upright sides and shelves with a back, filled with books of many colours."""
+    # half of the width; depth and height
     half, deep, high = rng.draw(60, 100), rng.draw(30, 42), rng.draw(200, 260)
     # now and then low and wide
     if rng.chance(0.25):
@@ -135,10 +139,12 @@ def make_bookcase(rng: Rng) -> Mesh:
     colour, rows = _frame_colour(rng), int(rng.integers(3, 6))
     rows = min(rows, max(2, int(high / 42)))
     grain: Paint = wood_grain(rng, colour, "v") if rng.chance(0.5) else colour
+    # some have a back, others are open
     back = block((3, 2 * half, high), (-deep / 2, 0, high / 2), shade(colour, 0.6), "wood")
     parts = back if rng.chance(0.35) else Parts()
     for y in (-half, half):
         parts += block((deep, 7, high), (0, y, high / 2), grain, "wood")
+    # shelves from just above the floor to the top, evenly apart
     levels = np.linspace(rng.draw(5, 18), high - 4, rows + 1)
     for z in levels:
         parts += block((deep, 2 * half, 6), (0, 0, z), colour, "wood")
@@ -149,6 +155,7 @@ def make_bookcase(rng: Rng) -> Mesh:
 
 def _books(rng: Rng, half: float, deep: float, z: float, room: float) -> Parts:
     y, end, parts = -half, half * rng.draw(0.4, 1.0), Parts()
+    # books of many sizes, until the shelf is full to its end
     while y < end - 14:
         thick, tall = rng.draw(6, 14), room * rng.draw(0.7, 0.98)
         colour = rng.pick(PALETTES["bright"] + PALETTES["ceramic"] + PALETTES["dark"] + PALETTES["car"])
@@ -161,6 +168,7 @@ def _books(rng: Rng, half: float, deep: float, z: float, room: float) -> Parts:
 
 def make_table_lamp(rng: Rng) -> Mesh:
     """A turned or slim stand with a cloth shade: cone, drum or bell."""
+    # radii of foot and belly, then heights
     foot, stand, belly = rng.draw(38, 56), rng.draw(110, 170), rng.draw(10, 46)
     low, high, wide = stand * rng.draw(0.85, 0.95), rng.draw(70, 110), rng.draw(70, 96)
     top = wide * rng.draw(0.4, 0.95)
@@ -182,10 +190,12 @@ def make_table_lamp(rng: Rng) -> Mesh:
     cloth_paint = stripes([cloth, shade(cloth, 0.88)], int(rng.integers(10, 24))) if rng.chance(0.4) else cloth
     if rng.chance(0.2):
         cloth_paint = decorate(rng, cloth, "bright", "pale")
+    # a shade of two layers, since its inside is seen too, with rims between them
     outer = lathe(shade_line, cloth_paint, "cloth", 10, 36)
     inner = lathe([(r - 2, z) for r, z in shade_line], (250, 240, 214), "cloth", 10, 36).flipped()
     rims = [revolve([(wide - 2, low), (wide, low)], 36, cloth, "cloth"),
             revolve([(top, low + high), (top - 2, low + high)], 36, cloth, "cloth")]  # fmt: skip
+    # a bulb stands inside the shade
     bulb = cylinder(12, low, low + high * 0.7, (252, 246, 226), "glass", 16, 6)
     lower = revolve([(0, 0), (body[0][0], 0)], 32, colour, "paint")
     return finish([lathe(body, paint, "ceramic", 28), lower, outer, inner, *rims, *bulb])
@@ -193,10 +203,12 @@ def make_table_lamp(rng: Rng) -> Mesh:
 
 def make_laptop(rng: Rng) -> Mesh:
     """A flat base with keys and a touchpad, and a lid with a bright screen, opened 95-135°."""
+    # half the width, depth of the base, its thickness
     half, deep, thick = rng.draw(105, 130), rng.draw(150, 185), rng.draw(7, 13)
     case, keys = rng.colour("steel", "dark", "grey"), rng.pick(((34, 34, 38), (220, 220, 222)))
     opened = rng.draw(95, 135)
 
+    # 14 by 5 keys with gaps between them, and a touchpad below
     def board(u: np.ndarray, v: np.ndarray, aspect: float) -> np.ndarray:
         x, y = (u - 0.06) / 0.88 * 14, (v - 0.42) / 0.5 * 5
         key = (x > 0) & (x < 14) & (y > 0) & (y < 5) & (x % 1 < 0.84) & (y % 1 < 0.82)
@@ -206,6 +218,7 @@ def make_laptop(rng: Rng) -> Mesh:
     hue, rows = rng.colour("bright", "ceramic", "pale"), int(rng.integers(2, 7))
     paper = rng.pick(((244, 246, 248), (40, 44, 52)))
 
+    # a frame, a background, a window on it and lines of text
     def screen(u: np.ndarray, v: np.ndarray, aspect: float) -> np.ndarray:
         frame = (u < 0.04) | (u > 0.96) | (v < 0.06) | (v > 0.95)
         window = (u > 0.18) & (u < 0.82) & (v > 0.2) & (v < 0.86)
@@ -214,11 +227,13 @@ def make_laptop(rng: Rng) -> Mesh:
 
     # base with keys, and the lid with its screen
     base = block((deep, 2 * half, thick), (deep / 2, 0, thick / 2), case, "metal", 1.5)
+    # keys as a sheet just above the base
     top = _sheet(deep, half, pattern([case, keys, shade(case, 0.85)], board)).moved(z=thick + 0.3)
     ink = (70, 76, 90) if paper[0] > 99 else (150, 220, 160)
     glass = _sheet(deep * 0.94, half, pattern([(16, 16, 18), hue, paper, ink], screen), "glass").moved(z=0.4)
     lid = Parts(block((deep * 0.94, 2 * half, 5), (deep * 0.47, 0, -2.5), case, "metal", 1.5), glass)
     flat = lid.moved(x=-deep * 0.94)  # opened by 180°: behind the hinge, its screen up
+    # turned up about the hinge, along y
     raised = flat.rotated("y", 180 - opened)
     return finish([*base, top, *raised.moved(z=thick + 3)], 512)
 
@@ -233,12 +248,14 @@ def make_traffic_cone(rng: Rng) -> Mesh:
     half, high, radius = rng.draw(56, 80), rng.draw(170, 240), rng.draw(42, 54)
     colour = rng.vary((236, 92, 26)) if rng.chance(0.85) else rng.colour("bright")
     white: Colour = (240, 240, 236)
+    # a band, or two of the same width
     low, wide = rng.draw(0.25, 0.45), rng.draw(0.12, 0.24)
     paint = bands([colour, white, colour], [low, low + wide])
     if rng.chance(0.45):
         paint = bands([colour, white, colour, white, colour], [low, low + wide, low + wide + 0.12, low + 2 * wide])
     foot = rng.pick((colour, (34, 34, 36)))
     tip = rng.draw(8, 13)
+    # the cone is open at its tip, dark inside
     profile = [(radius, 12), *np.linspace((radius - 4, 18), (tip, high), 8), (tip - 3, high), (tip - 4, high - 12)]
     cone = revolve(profile, 36, paint, "plastic")
     base = block((2 * half, 2 * half, 12), (0, 0, 6), foot, "rubber", 3)
@@ -250,6 +267,7 @@ def make_candle(rng: Rng) -> Mesh:
     wax = rng.colour("pale", "pale", "bright", "ceramic")
     holder = rng.colour("brass", "steel", "ceramic", "dark")
     taper = rng.chance(0.5)
+    # a taper is thin and long, a pillar thick and short
     radius, long = (rng.draw(10, 14), rng.draw(110, 170)) if taper else (rng.draw(30, 44), rng.draw(80, 150))
     foot = rng.draw(36, 110) if taper else 5.0
     # the holder: a stick for a taper, a dish for some pillars
@@ -289,11 +307,13 @@ def make_candle(rng: Rng) -> Mesh:
 def make_mushroom(rng: Rng) -> Mesh:
     """One to three caps on pale stems: red with white warts, brown, or buff, domed or flat, with gills below."""
     parts = Parts()
+    # the red ones are mostly those with warts
     cap = rng.vary(
         rng.pick(((196, 36, 30), (150, 98, 58), (206, 176, 130), (120, 74, 46), (232, 224, 208), (216, 130, 50)))
     )
     spotted = rng.chance(0.75 if cap[0] > 180 and cap[1] < 70 else 0.15)
     for k in range(rng.pick((1, 1, 2, 3))):
+        # the first is the largest, others stand beside it and lean more
         size = 1.0 if k == 0 else rng.draw(0.4, 0.75)
         mushroom = _one_mushroom(rng, cap, spotted)
         bearing = rng.draw(0, 360)
@@ -305,6 +325,7 @@ def make_mushroom(rng: Rng) -> Mesh:
 def _one_mushroom(rng: Rng, cap: Colour, spotted: bool) -> Parts:
     radius, rise, high, stem = rng.draw(56, 84), rng.draw(30, 66), rng.draw(80, 140), rng.draw(13, 24)
     cream, gill = rng.vary((236, 226, 204), 8), rng.vary((206, 184, 150), 10)
+    # warts are flat: spots on the cap
     paint: Paint = scatter(rng, cap, [(246, 242, 232)], 60, 0.016) if spotted else cap
     drop = rng.draw(0, 22)
     # the cap, its rim lower than the middle of the gills
@@ -319,6 +340,7 @@ def _one_mushroom(rng: Rng, cap: Colour, spotted: bool) -> Parts:
         lathe([(stem * 1.4, 0), (stem * 1.25, 12), (stem, high * 0.5), (stem * 0.9, high + 6)], cream, "matte", 14, 24),
         disc(stem * 1.4, 0, cream, "matte").rotated("x", 180),
     )
+    # a ring round the stem
     if rng.chance(0.4):
         z = high * 0.68
         parts += revolve([(stem * 1.9, z - 10), (stem * 1.92, z - 8), (stem, z + 3)], 28, cream, "matte")
@@ -369,8 +391,10 @@ def make_hourglass(rng: Rng) -> Mesh:
     plate, posts = radius + rng.draw(12, 22), rng.pick((3, 4))
     colour = rng.colour("wood", "brass", "dark")
     sand = rng.vary(rng.pick(((222, 190, 130), (236, 226, 206), (90, 130, 180), (200, 90, 80))))
+    # the sand's height is a share of the outline
     clear, filled = rng.vary((204, 218, 218), 6), rng.draw(0.08, 0.34)
     middle, thick = high / 2, 9.0
+    # half of a bulb, from the plate to the neck
     points = [(radius * 0.5, thick), (radius, thick + 16), (radius * 0.94, middle * 0.6), (neck, middle)]
     # the upper bulb mirrors the lower one
     bulb = smooth_curve(points, 16)
@@ -381,6 +405,7 @@ def make_hourglass(rng: Rng) -> Mesh:
     rim = wood_grain(rng, colour) if rng.chance(0.4) else colour
     parts = Parts(revolve(outline.tolist(), 32, glass, "glass"))
     for z in (0.0, high - thick):
+        # round plates, now and then six-sided
         parts += cylinder(plate, z, z + thick, rim, "wood", 6 if rng.chance(0.2) else 36, bevel=2)
     for k in range(posts):
         post = [(5.5, thick), (3.5, thick + 20), (6.5, middle), (3.5, high - thick - 20), (5.5, high - thick)]
@@ -391,12 +416,14 @@ def make_hourglass(rng: Rng) -> Mesh:
 
 def make_hammer(rng: Rng) -> Mesh:
     """A claw hammer, a sledge or a mallet, lying on its side."""
+    # z goes along the handle, its head at 0
     long, thick = rng.draw(210, 260), rng.draw(10, 14)
     wood = rng.colour("wood")
     kind = rng.pick(("claw", "claw", "sledge", "mallet"))
     head = {"claw": _claw_head, "sledge": _sledge_head, "mallet": _mallet_head}[kind](rng)
     grip: Paint = wood_grain(rng, wood, "v")
     if kind != "mallet" and rng.chance(0.5):
+        # a rubber grip on a painted or steel handle
         rubber = rng.colour("bright", "dark")
         grip = bands([rubber, shade(rubber, 0.6), rng.colour("steel", "dark")], [rng.draw(0.4, 0.5), 0.55])
     handle = lathe([(thick * 0.95, -long), (thick * 1.15, -long * 0.9), (thick * 0.85, -long * 0.6),
@@ -404,12 +431,14 @@ def make_hammer(rng: Rng) -> Mesh:
                     (thick * 0.75, 0)], grip, "wood", 16, 16).scaled(1, 0.75, 1)  # fmt: skip
     end = cylinder(thick * 0.95, -long - 2, -long + 1, shade(wood, 0.7), "wood", 16)
     standing = Parts(handle, end.scaled(1, 0.75, 1), head)
+    # laid on its side, turned anyhow
     return finish(standing.rotated("x", 90).rotated("z", rng.draw(0, 360)))
 
 
 def _claw_head(rng: Rng) -> Parts:
     """Face to +x, a split claw that curves down to -x."""
     metal, scale = rng.colour("steel", "dark"), rng.draw(0.9, 1.15)
+    # the face with its neck, the two halves of the claw, and the eye for the handle
     face = [*rod([(0, 0, 0), (26, 0, 0), (30, 0, 0), (46, 0, 0)], [14, 11, 10, 10], metal, "metal", 8, 14),
             *cylinder(15, 40, 54, metal, "metal", 18, bevel=3).rotated("y", 90)]  # fmt: skip
     claws = Parts()
@@ -444,14 +473,17 @@ def make_screwdriver(rng: Rng) -> Mesh:
     lobes, depth = int(rng.integers(5, 9)), rng.draw(0.08, 0.2)
     paint = rng.pick((colour, stripes([colour, accent], lobes), bands([accent, colour, accent], [0.12, 0.8])))
     curve = [(radius * 0.75, 0), (radius, long * 0.12), (radius * 0.98, long * 0.6), (radius * 0.6, long * 0.8),
+             # the handle's outline, from its end to the shaft
              (radius * 0.8, long * 0.92), (radius * 0.5, long)]  # fmt: skip
     grip = lathe(curve, paint, "plastic", 24, 40)
+    # flutes are pressed in round the handle, but not at its collar
     turn = np.arctan2(grip.vertices[:, 1], grip.vertices[:, 0])
     flute = 1 - depth * (1 + np.cos(lobes * turn)) / 2 * (grip.vertices[:, 2] < long * 0.7)
     grip = grip.bent(lambda vertices: vertices * np.stack([flute, flute, np.ones_like(flute)], 1))
     ends = Parts(ball(radius * 0.74, accent, "plastic", 20, 6, (1, 1, 0.3)),
             ball(radius * 0.5, accent, "plastic", 16, 6, (1, 1, 0.3)).moved(z=long))  # fmt: skip
     stem = cylinder(thin, long, long + shaft, steel, "metal", 14)
+    # flat, or crossed
     if rng.chance(0.6):
         tip = loft([np.array([(-w, -d, z), (w, -d, z), (w, d, z), (-w, d, z)]) for w, d, z in
                     ((thin, thin * 0.8, long + shaft - 4), (thin * 1.7, thin * 0.5, long + shaft + 8),
@@ -467,6 +499,7 @@ def make_dumbbell(rng: Rng) -> Mesh:
     reach, radius, bar = rng.draw(70, 95), rng.draw(38, 58), rng.draw(10, 14)
     colour, steel = rng.colour("dark", "bright", "grey"), rng.colour("steel", "dark")
     kind = rng.pick(("hexagon", "plates", "plates", "ball"))
+    # an end, its middle on the axis z
     ends = Parts()
     if kind == "hexagon":
         sides = rng.pick((6, 8))
@@ -479,11 +512,13 @@ def make_dumbbell(rng: Rng) -> Mesh:
     else:
         z = 0.0
         for k in range(int(rng.integers(2, 5))):
+            # the plates get smaller outwards
             thick, r = rng.draw(11, 18), radius * (1 - 0.17 * k)
             ends += cylinder(r, 0, thick, colour if k % 2 == 0 else shade(colour, 1.35), "rubber", 32, bevel=3).moved(
                 z=z
             )
             z += thick
+        # a nut and the bar's end
         ends += cylinder(bar * 1.1, z, z + 14, steel, "metal", 6 if rng.chance(0.5) else 16)
         ends += cylinder(bar * 0.8, z, z + 26, steel, "metal", 16)
     # one head, mirrored to the other end; the grip is thickest in the middle
@@ -512,6 +547,7 @@ def make_drum(rng: Rng) -> Mesh:
         far = turn + (np.pi / count * (1 if k % 2 else -1) if laced else 0)
         low, top = ((radius + 3) * np.array([np.cos(a), np.sin(a), 0]) for a in (turn, far))
         parts += rod([low + np.array([0, 0, 8]), top + np.array([0, 0, high - 8])], 2.2, cord, "cloth", segments=6)
+    # two sticks lie crossed on the skin
     if rng.chance(0.6):
         for side in (-1, 1):
             stick = Parts(rod([(-110, 0, 0), (70, 0, 0)], [5.5, 5.5, 3], (206, 166, 112), "wood"),
@@ -526,6 +562,7 @@ def make_soccer_ball(rng: Rng) -> Mesh:
     dark = rng.vary((24, 24, 28), 6) if rng.chance(0.7) else rng.colour("bright", "dark")
     # corners of an icosahedron are the pentagons' middles, its faces the hexagons'
     golden = (1 + 5**0.5) / 2
+    # twelve corners: a golden rectangle in each of three planes
     corners = np.array([v for a in (-1, 1) for b in (-golden, golden) for v in ((0, a, b), (a, b, 0), (b, 0, a))])
     near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.1
     faces = np.array([corners[i] + corners[j] + corners[k] for i in range(12) for j in range(i) for k in range(j)
@@ -533,6 +570,7 @@ def make_soccer_ball(rng: Rng) -> Mesh:
     normals = np.concatenate([corners, faces])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     normals /= np.r_[np.full(12, 2.3274), np.full(20, 2.2673)][:, None]  # distances of the solid's faces
+    # turned by a random rotation
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
 
     def shader(u: np.ndarray, v: np.ndarray, aspect: float) -> np.ndarray:
@@ -552,6 +590,7 @@ def make_soccer_ball(rng: Rng) -> Mesh:
 def make_dice(rng: Rng) -> Mesh:
     """One to three cubes with rounded edges and pips."""
     ground = rng.colour("pale", "bright", "dark")
+    # pips light on a dark ground, dark on a light ground
     ink = (246, 244, 238) if sum(ground) < 440 else (22, 22, 24)
     if sum(ground) > 640 and rng.chance(0.3):
         ink = rng.colour("bright")
@@ -559,6 +598,7 @@ def make_dice(rng: Rng) -> Mesh:
     for k in range(rng.pick((1, 2, 2, 3))):
         die = _one_die(rng, ground, ink)
         die = die.rotated("z", rng.draw(0, 90))
+        # further dice at both sides of the first
         place = (0, 0, 0) if k == 0 else (rng.draw(-20, 20), (2 * k - 3) * rng.draw(92, 110), 0)
         parts += die.moved(*place)
     return finish(parts, 512)
@@ -566,6 +606,7 @@ def make_dice(rng: Rng) -> Mesh:
 
 def _one_die(rng: Rng, ground: Colour, ink: Colour) -> Parts:
     half, power = 32.0, 7.0
+    # places of the pips on a face, in steps of a quarter of its side
     spots = {1: [(0, 0)], 2: [(-1, -1), (1, 1)], 3: [(-1, -1), (0, 0), (1, 1)], 4: [(-1, -1), (-1, 1), (1, -1), (1, 1)]}
     spots[5] = [*spots[4], (0, 0)]
     spots[6] = [*spots[4], (-1, 0), (1, 0)]

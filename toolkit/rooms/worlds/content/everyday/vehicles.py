@@ -98,6 +98,7 @@ def _glass_house(foot: np.ndarray, top: np.ndarray, low: float, high: float, col
         posts |= s > 2 * side + 2 * front - 4.5
         return posts | (v < 0.1) | (v > 0.9)
 
+    # walls lean in from the outline at their foot to the outline of the roof
     rows = [np.c_[np.vstack([ring, ring[:1]]), np.full(5, z)] for ring, z in ((foot, low), (top, high))]
     walls = surface(rows, pattern([GLASS, colour], shader), "glass")
     roof = extrude(top.tolist(), 5, 2, colour, "paint").moved(z=high - 1)
@@ -147,6 +148,7 @@ def make_gokart(rng: Rng) -> Mesh:
 
 def _driver(rng: Rng, at: tuple[float, float, float]) -> Parts:
     suit, helmet = rng.colour("bright", "dark"), rng.colour("bright", "pale")
+    # body, helmet and visor; arms to the wheel, legs forward
     body = Parts(
         ball(1, suit, "cloth", 14, 8, (15, 19, 30)).moved(-6, 0, 26),
         ball(15, helmet, "paint", 18, 10).moved(-8, 0, 70),
@@ -207,6 +209,7 @@ def _cab(rng: Rng, colour: Colour, floor: float, rear: float) -> Parts:
         return Parts()
     low, top = floor + 14, floor + high
     parts = block((70, 64, 8), (rear + 18, 0, top + 3), rng.pick((colour, (240, 240, 236))), "paint", 3)
+    # posts of the cab, a little closer together at the roof
     for x in (rear - 12, rear + 46):
         path = [(x, 28, low), (x * 0.96, 26, top)]
         parts += rod(path, 2.8, rng.pick((colour, RUBBER)), "paint", segments=8).both_sides()
@@ -544,12 +547,14 @@ def make_airliner(rng: Rng) -> Mesh:
 
 def make_space_shuttle(rng: Rng) -> Mesh:
     """The orbiter: white above, black below, with a double delta; on its wheels, or upright on its tank."""
+    # on its wheels, or upright with tank and boosters
     orbiter = _orbiter(rng)
     if rng.chance(0.5):
         gear = build_gear([(78, 0, -14), (-52, 24, -14), (-52, -24, -14)], 16, 6)
         return finish([*orbiter, *(gear if rng.chance(0.7) else [])], 512)
     tank = rng.vary((190, 104, 52)) if rng.chance(0.8) else (236, 236, 232)
     white = (240, 240, 238)
+    # the tank is round, its nose up; the boosters stand at both sides
     profile = [(0, -100), (22, -94), (26, -84), (26, 74), (22, 104), (12, 128), (2, 140), (0, 140)]
     body = revolve(profile, 28, tank, "matte")
     shell = revolve([(0, -118), (13, -118), (9, -100), (11, -98), (11, 92), (3, 116), (0, 117)], 20, white, "paint")
@@ -567,6 +572,7 @@ def _orbiter(rng: Rng) -> Parts:
     waist = rng.draw(-0.35, 0.0)
 
     def shader(u: np.ndarray, v: np.ndarray, aspect: float) -> np.ndarray:
+        # 1 at the top of the hull, -1 at its bottom
         level = np.sin(2 * np.pi * u)
         cockpit = (v > 0.87) & (v < 0.92) & (level > 0.45) & (np.abs(np.cos(2 * np.pi * u)) > 0.04)
         doors = (np.abs(v - 0.3) < 0.004) | (np.abs(v - 0.76) < 0.004)
@@ -574,6 +580,7 @@ def _orbiter(rng: Rng) -> Parts:
 
     paint = pattern([white, black, (150, 150, 152)], shader)
     wide = rng.draw(30, 36)
+    # sections from the tail to the nose: place, width, height, height of the middle, squareness
     body = hull([(-90, wide, wide, 2, 3), (-70, wide, wide, 0, 3.4), (58, wide, wide, 0, 3.4),
                  (80, wide * 0.84, wide * 0.8, -3, 2.6),
                  (98, wide * 0.4, wide * 0.4, -7, 2.2), (105, 1, 1, -8, 2)], paint, count=26)  # fmt: skip

@@ -61,6 +61,7 @@ def _spout(
     points = [(x0, 0, z0), (x0 + (x1 - x0) * (0.3 + curl * 0.5), 0, z0 + (z1 - z0) * (0.3 - curl * 0.5)),
               (x0 + (x1 - x0) * 0.62, 0, z0 + (z1 - z0) * 0.6), (x1, 0, z1)]  # fmt: skip
     pipe = rod(points, [radius[0], radius[0] * 0.7 + radius[1] * 0.3, radius[1] * 1.1, radius[1]], colour, material)
+    # the mouth is a short dark pipe at the tip
     ahead = np.array([points[-1][0] - points[-2][0], 0, points[-1][2] - points[-2][2]])
     end = np.array([points[-1], points[-1] + 0.01 * ahead / np.linalg.norm(ahead) * 30])
     return Parts(pipe, rod(end, radius[1] * 0.75, (20, 18, 18), material))
@@ -78,6 +79,7 @@ def _loop(
 ) -> Parts:
     """A handle to -x from a high to a low place."""
     (x0, z0), (x1, z1) = top, low
+    # out, down and back to the wall
     points = [(x0, 0, z0), (x0 - reach * 0.8, 0, z0 + 0.05 * (z0 - z1)),
               (min(x0, x1) - reach, 0, z0 - 0.35 * (z0 - z1)),
               (min(x0, x1) - reach * 0.75, 0, z0 - 0.75 * (z0 - z1)), (x1, 0, z1)]  # fmt: skip
@@ -85,10 +87,12 @@ def _loop(
 
 
 def _enamel_pot(rng: Rng) -> Parts:
+    # radii of foot and rim, then the height
     base, top, high = rng.draw(55, 75), rng.draw(36, 52), rng.draw(150, 220)
     colour, trim = rng.colour("ceramic", "bright", "pale"), rng.colour("dark")
     specks = rng.colour("pale", "dark")
     paint = scatter(rng, colour, [specks], 160, 0.004) if rng.chance(0.5) else decorate(rng, colour, "pale", "bright")
+    # a lid that closes a little over the rim, with a knob
     lid = [(top + 3, high), (top + 3, high + 4), (top * 0.6, high + rng.draw(10, 26)), (top * 0.1, high + 28)]
     middle = (base + top) / 2
     return Parts(
@@ -104,16 +108,19 @@ def _enamel_pot(rng: Rng) -> Parts:
 
 
 def _moka_pot(rng: Rng) -> Parts:
+    # a tank below and a jug above, narrow between them
     base, waist, top = rng.draw(48, 56), rng.draw(36, 42), rng.draw(46, 58)
     low, high = rng.draw(62, 80), rng.draw(150, 185)
     metal = rng.colour("steel") if rng.chance(0.7) else rng.colour("bright")
     black = rng.colour("dark") if rng.chance(0.8) else rng.colour("bright", "wood")
+    # facets of the cast metal
     sides = rng.pick((8, 8, 10))
     body = [(0, 0), (base, 0), (base, 4), (waist + 4, low), (waist + 4, low + 10), (waist, low + 10), (waist, low + 14)]
     cone = revolve([*body, (top, high)], sides, metal, "metal")
     lid = revolve([(top + 2, high), (top + 2, high + 3), (top * 0.3, high + 22), (0, high + 24)], sides, metal, "metal")
     lip = slab([(top - 12, high - 34), (top + 20, high - 2), (top - 12, high - 2)], 22, metal, "metal")
     reach = rng.draw(42, 58)
+    # a handle like a seven, away from the spout
     grip = [(-top + 4, high - 12), (-top + 4, high - 1), (-top - reach, high - 6), (-top - reach + 6, low + 4),
             (-top - reach + 16, low + 4), (-top - reach + 14, high - 20)]  # fmt: skip
     knob = cylinder(7, high + 23, high + 44, black, "plastic", 12, 10)
@@ -121,6 +128,7 @@ def _moka_pot(rng: Rng) -> Parts:
 
 
 def _percolator(rng: Rng) -> Parts:
+    # radii of foot and rim, then the height
     base, top, high = rng.draw(52, 62), rng.draw(44, 54), rng.draw(170, 220)
     metal, black = rng.colour("steel"), rng.colour("dark", "wood")
     wall = [(base, 16), (base, 24), (top + 2, high * 0.9), (top, high)]
@@ -130,6 +138,7 @@ def _percolator(rng: Rng) -> Parts:
         cylinder(base + 4, 0, 16, black, "plastic", 32, base),
         lathe(wall, metal, "metal"),
         lathe([(top + 2, high), (top + 2, high + 5), (top * 0.5, high + 14), (14, high + 18)], metal, "metal", 10),
+        # the knob of glass, in which the coffee is seen
         cylinder(12, high + 17, high + 36, (196, 206, 204), "glass", 16, 9, bevel=3),
         _spout((top - 3, high * rng.draw(0.6, 0.74)), (base + rng.draw(20, 34), high * rng.draw(0.9, 0.98)),
                 (18, 9), metal, "metal", 0.0),
@@ -141,6 +150,7 @@ def _silver_pot(rng: Rng) -> Parts:
     belly, neck, high = rng.draw(52, 64), rng.draw(24, 32), rng.draw(175, 215)
     metal = rng.colour("steel", "brass", "ceramic")
     material = "metal" if max(metal) - min(metal) < 130 else "ceramic"
+    # a low foot, a wide belly, a slender neck
     wall = [(belly * 0.6, 0), (belly * 0.62, 5), (belly * 0.42, 14), (belly * 0.9, 36), (belly, 62),
             (neck + 8, high * 0.66), (neck, high * 0.86), (neck + 5, high)]  # fmt: skip
     lid = [(neck + 5, high), (neck + 1, high + 8), (neck * 0.6, high + 20), (3, high + 24)]
@@ -174,11 +184,13 @@ def make_teapot(rng: Rng) -> Mesh:
     else:
         ear = (-belly * 0.86, high * 0.82), (-belly * 0.93, full * 0.6)
         parts += _loop(*ear, rng.draw(32, 44), rng.draw(5, 7), trim, "ceramic")
+    # the spout to a side, as in most photographs
     return finish(parts.rotated("z", rng.draw(-100, -80)))
 
 
 def make_pitcher(rng: Rng) -> Mesh:
     """A tall open jug, its rim drawn out into a lip, with a large handle."""
+    # radii and height; the neck may be narrower than the mouth
     belly, high = rng.draw(52, 68), rng.draw(170, 230)
     neck, mouth = belly * rng.draw(0.55, 0.95), belly * rng.draw(0.7, 1.02)
     outline = smooth_curve(
@@ -204,10 +216,12 @@ def make_pitcher(rng: Rng) -> Mesh:
 
 def make_coffee_mug(rng: Rng) -> Mesh:
     """A cylinder with a C-shaped handle, often with coffee in it."""
+    # radius, how the wall widens upwards, and height
     radius, flare, high = rng.draw(38, 48), rng.draw(0.88, 1.12), rng.draw(80, 112)
     colour = rng.colour("ceramic", "pale", "bright")
     points = [(radius * 0.9, 0), (radius, 6), (radius * (1 + flare) / 2, high * 0.5), (radius * flare, high)]
     outline = smooth_curve(points, 16)
+    # how full, in which colour, with a gloss
     coffee: tuple[float, Paint, str] | None = None
     if rng.chance(0.6):
         coffee = rng.draw(0.7, 0.9), rng.vary(rng.pick(((46, 26, 16), (150, 104, 66), (96, 56, 34)))), "glass"
@@ -217,6 +231,7 @@ def make_coffee_mug(rng: Rng) -> Mesh:
     root, reach = radius * (1 + flare) / 2 - 3, rng.draw(26, 36)
     loop = arc((root, high * 0.52), (reach, high * rng.draw(0.28, 0.36)), 88, -88)
     parts = Parts(body, rod(loop, rng.draw(4.5, 6.5), colour, "ceramic", flatten=1.5))
+    # the handle to a side, where it is seen
     return finish(parts.rotated("z", rng.draw(60, 120)))
 
 
@@ -237,6 +252,7 @@ def make_vase(rng: Rng) -> Mesh:
     if rng.chance(0.45):
         parts += _flowers(rng, high, belly * pinch * 0.6, rng.draw(70, 120))
     elif rng.chance(0.3):
+        # ears at both sides of the neck
         for turn in (0, 180):
             ear = [(belly * pinch, 0, high * 0.86), (belly * 1.05, 0, high * 0.8), (belly * 0.9, 0, high * full)]
             parts += rod(ear, 4, colour, "ceramic").rotated("z", turn)
@@ -244,6 +260,7 @@ def make_vase(rng: Rng) -> Mesh:
 
 
 def _flowers(rng: Rng, z: float, width: float, reach: float) -> Parts:
+    # flowers of a kind, their stems spread round the mouth
     parts, petal = Parts(), rng.colour("bright", "pale")
     count = int(rng.integers(4, 9))
     for k in range(count):
@@ -257,6 +274,7 @@ def _flowers(rng: Rng, z: float, width: float, reach: float) -> Parts:
         flower, size = rng.vary(petal, 20), rng.draw(10, 18)
         parts += ball(size, flower, "cloth", 10, 6, (1, 1, 0.7)).moved(*stem[2])
         parts += ball(size * 0.45, (230, 190, 60), "cloth", 8, 4).moved(*(stem[2] + [0, 0, size * 0.5]))
+        # a leaf at half the stem
         leaf = ball(size, rng.vary((58, 120, 52)), "matte", 8, 4, (0.5, 0.12, 1.3))
         parts += leaf.rotated("x", rng.draw(-50, 50)).rotated("z", rng.draw(0, 180)).moved(*stem[1])
     return parts
@@ -266,6 +284,7 @@ def make_bucket(rng: Rng) -> Mesh:
     """A tapering pail, ribbed, with a wire bail up or down; empty or filled with water or sand."""
     base, top, high = rng.draw(62, 78), rng.draw(86, 104), rng.draw(130, 180)
     colour = rng.colour("bright") if rng.chance(0.6) else rng.colour("steel")
+    # bright pails are plastic, grey ones metal
     material = "plastic" if max(colour) - min(colour) > 40 else "metal"
     outline = [(base, 0.0)]
     # two ribs round the pail
@@ -273,6 +292,7 @@ def make_bucket(rng: Rng) -> Mesh:
         radius = base + (top - base) * share
         outline += [(radius, share * high - 3), (radius + 2.5, share * high), (radius + 1, share * high + 3)]
     outline += [(top, high - 8), (top + 4, high - 6), (top + 4, high)]
+    # water, sand or earth
     content = None
     if rng.chance(0.3):
         filling = rng.pick((((120, 160, 170), "glass"), ((214, 186, 132), "matte"), ((60, 44, 34), "matte")))
@@ -300,6 +320,7 @@ def make_pot(rng: Rng) -> Mesh:
     base, top, high = rng.draw(38, 50), rng.draw(54, 68), rng.draw(76, 108)
     collar = high * rng.draw(0.7, 0.8)
     colour = rng.colour("terracotta") if rng.chance(0.6) else rng.colour("ceramic", "bright")
+    # a collar that is wider than the wall
     outline = np.array([(base, 0), (top - 4, collar), (top + 1, collar), (top + 4, high)])
     paint: Paint = colour if rng.chance(0.6) else decorate(rng, colour, "ceramic", "pale")
     parts = vessel(outline, 5, paint, shade(colour, 0.9), "matte", content=(0.85, (62, 44, 32), "matte"))
@@ -309,6 +330,7 @@ def make_pot(rng: Rng) -> Mesh:
     if kind == "cactus":
         tall, wide = rng.draw(70, 130), rng.draw(20, 30)
         ribs = stripes([green, shade(green, 0.72)], int(rng.integers(10, 16)))
+        # a ribbed body with up to two arms
         parts += ball(wide, ribs, "matte", 24, 14, (1, 1, tall / wide / 2)).moved(z=soil + tall * 0.45)
         for side in (1, -1)[: int(rng.integers(0, 3))]:
             at = soil + tall * rng.draw(0.3, 0.5)
@@ -317,11 +339,13 @@ def make_pot(rng: Rng) -> Mesh:
     elif kind == "bush":
         size = rng.draw(46, 64)
         parts += rod([(0, 0, soil - 5), (0, 0, soil + 30)], 5, (104, 74, 50), "matte")
+        # six balls of leaves on a short stem
         leaves = blotches(rng, [green, shade(green, 0.7), shade(green, 1.25)], 26)
         for _ in range(6):
             place = rng.normal(0, 0.42, 3) * size * [1, 1, 0.6] + [0, 0, soil + size * 0.9]
             parts += ball(size * rng.draw(0.5, 0.7), leaves, "matte", 14, 8).moved(*place)
     elif kind == "leaves":
+        # a rosette: each leaf a golden angle after the last
         for k in range(12):
             leaf = ball(rng.draw(50, 76), rng.vary(green), "matte", 8, 8, (0.05, 0.16, 1)).moved(z=48)
             parts += leaf.rotated("y", rng.draw(8, 60)).rotated("z", 137.5 * k).moved(z=soil - 6)
@@ -332,11 +356,13 @@ def make_pot(rng: Rng) -> Mesh:
 
 def make_frying_pan(rng: Rng) -> Mesh:
     """A shallow round pan with a long straight handle; sometimes with a fried egg."""
+    # half a pan's width, and a low wall
     radius, high = rng.draw(92, 116), rng.draw(24, 38)
     colour = rng.colour("dark", "steel", "brass", "bright")
     inside = rng.pick((rng.colour("dark"), shade(colour, 0.85)))
     material = "metal" if rng.chance(0.6) else "paint"
     outline = smooth_curve([(radius * 0.78, 0), (radius * 0.86, 4), (radius, high)], 10)
+    # the bottom has a colour of its own
     content = (0.02, inside, material)
     parts = vessel(outline, 3, colour, inside, material, segments=40, floor=4.0, content=content)
     reach, grip = rng.draw(130, 190), rng.colour("dark", "wood") if rng.chance(0.7) else colour
@@ -346,6 +372,7 @@ def make_frying_pan(rng: Rng) -> Mesh:
         (radius - 2, 0, high * 0.75), (radius + 0.3 * reach, 0, high + rise * 0.5), (radius + reach, 0, high + rise),
     ]  # fmt: skip
     parts += rod(path, [5, 6, 7.5, 8], grip, "wood", flatten=1.7)
+    # a fried egg, or two
     if rng.chance(0.35):
         for side in (-1, 1)[: int(rng.integers(1, 3))]:
             white = ball(34, (248, 246, 238), "ceramic", 18, 6, (1.1, 1, 0.1)).moved(0, side * 30, 7)
@@ -355,6 +382,7 @@ def make_frying_pan(rng: Rng) -> Mesh:
 
 def make_toilet_tissue(rng: Rng) -> Mesh:
     """A white roll on a cardboard core, standing or lying, with a loose sheet."""
+    # radii of roll and core, and the width of the paper
     radius, high, core = rng.draw(52, 66), rng.draw(88, 108), rng.draw(18, 23)
     white: Colour = rng.vary(rng.pick(((246, 245, 242), (240, 236, 228), (238, 224, 224), (222, 232, 240))), 4)
     card = (168, 134, 98)
@@ -363,6 +391,7 @@ def make_toilet_tissue(rng: Rng) -> Mesh:
         print_paint = (
             dots(white, shade(white, 0.88), 16, 0.25) if rng.chance(0.5) else checks([white, shade(white, 0.95)], 20)
         )
+    # the edges of the paper, as rings round the core
     rings = bands([card, white, shade(white, 0.94)], [0.08, 0.9]) if rng.chance(0.5) else white
     outer = revolve([(radius - 2, 0), (radius, 2), (radius, high - 2), (radius - 2, high)], 40, print_paint, "paper")
     top = revolve([(radius - 2, high), (core, high)], 40, rings, "paper")
@@ -373,11 +402,13 @@ def make_toilet_tissue(rng: Rng) -> Mesh:
     path = [((radius + 1) * np.cos(a), (radius + 1) * np.sin(a)) for a in -turn[::-1]]
     path += [(radius + 1 + 0.1 * d * np.sin(d / 25), d) for d in np.linspace(6, loose, 8)]
     sheet = []
+    # two faces, back to back
     for offset in (0.0, 0.8):
         rows = [np.array([(x + offset, y, z) for x, y in path]) for z in (1.0, high - 1.0)]
         sheet.append(surface(rows, print_paint, "paper"))
     sheet[0] = sheet[0].flipped()
     roll = Parts(outer, top, hole, low, sheet)
+    # lying on its side
     if rng.chance(0.45):
         roll = roll.moved(z=-high / 2).rotated("x", 90).rotated("y", -90)
         roll = roll.rotated("z", rng.draw(0, 360))
@@ -386,6 +417,7 @@ def make_toilet_tissue(rng: Rng) -> Mesh:
 
 def make_wine_bottle(rng: Rng) -> Mesh:
     """A tall dark bottle with a long neck, a foil capsule and a label; straight or sloping shoulders."""
+    # radius and height, then the neck
     radius, high = rng.draw(34, 42), rng.draw(270, 310)
     neck, sloping = rng.draw(12.5, 15), rng.chance(0.45)
     wall_top = high * (rng.draw(0.42, 0.5) if sloping else rng.draw(0.58, 0.65))
@@ -393,6 +425,7 @@ def make_wine_bottle(rng: Rng) -> Mesh:
     glass = rng.vary(rng.pick(((24, 44, 28), (34, 26, 18), (52, 74, 36), (22, 24, 26), (84, 96, 52))), 6)
     paper, ink = rng.colour("pale"), rng.colour("dark", "bright")
     foil = rng.colour("bright", "dark", "brass")
+    # the label is on the straight wall
     from_z, to_z = wall_top * rng.draw(0.15, 0.3), wall_top * rng.draw(0.75, 0.95)
     sign = label(glass, paper, ink, pick_word(rng), width=rng.draw(0.35, 0.6), height=(0, 1))
     # from the wall over the shoulder to the neck
@@ -401,6 +434,7 @@ def make_wine_bottle(rng: Rng) -> Mesh:
         (radius * 0.86, wall_top + 0.45 * (shoulder - wall_top)),
         (neck, shoulder),
     ]  # fmt: skip
+    # from below: foot, wall, label, shoulder, foil and rim
     return finish(
         [
             *cylinder(radius - 3, 0, 3, glass, "glass", 32, radius),
@@ -423,12 +457,14 @@ def make_pop_bottle(rng: Rng) -> Mesh:
                                  (240, 206, 60))), 8)  # fmt: skip
     band = rng.colour("bright")
     ink = rng.pick(((250, 250, 246), (250, 220, 60), shade(band, 0.3)))
+    # the label goes round the waist
     low, top = high * rng.draw(0.36, 0.44), high * rng.draw(0.58, 0.66)
     sign = label(band, band, ink, pick_word(rng), (0.25, 0.75), 0.4, (0.02, 0.98))
     # the foot has five lobes
     foot = lathe([(radius * 0.6, 0), (radius * 0.95, 10), (radius, 28), (waist, low)], drink, "glass", 18)
     lobes = 5
 
+    # pressed in between the lobes, less and less up to 30 mm
     def dent(points: np.ndarray) -> np.ndarray:
         angle = np.arctan2(points[:, 1], points[:, 0])
         share = 1 - 0.16 * np.clip(1 - points[:, 2] / 30, 0, 1) * (1 + np.cos(lobes * angle)) / 2
@@ -438,6 +474,7 @@ def make_pop_bottle(rng: Rng) -> Mesh:
     neck = rng.draw(11, 13)
     shoulder = [(waist, top), (radius * 0.98, top + 0.08 * high), (radius * 0.7, high * 0.82), (neck, high * 0.91)]
     cap = rng.pick((band, (246, 246, 244), rng.colour("bright")))
+    # from below: foot, label, shoulder, a ring for the cap, and the cap
     return finish(
         [
             foot.bent(dent),
@@ -455,6 +492,7 @@ def make_pop_bottle(rng: Rng) -> Mesh:
 def make_milk_can(rng: Rng) -> Mesh:
     """A dairy's churn: a metal cylinder with a sloping shoulder, a neck, a mushroom lid and two ears."""
     radius, high = rng.draw(52, 66), rng.draw(190, 240)
+    # heights of wall and neck, and the neck's radius
     wall_top, neck_low, neck = high * rng.draw(0.56, 0.64), high * rng.draw(0.74, 0.8), radius * rng.draw(0.5, 0.62)
     metal = rng.colour("steel") if rng.chance(0.65) else rng.colour("car", "bright", "pale")
     material = "metal" if max(metal) - min(metal) < 30 else "paint"
@@ -473,6 +511,7 @@ def make_milk_can(rng: Rng) -> Mesh:
             (0, side * (radius + 4), wall_top + 18), (0, side * (radius - 6), wall_top + 6),
         ]  # fmt: skip
         ears += rod(loop, 4.5, dark, material)
+    # a handle on the lid
     top = rod([(-14, 0, high), (-10, 0, high + 14), (10, 0, high + 14), (14, 0, high)], 3, dark, material)
     return finish([revolve(body, 36, metal, material), lathe(lid, metal, material, 12), *ears, *top])
 
@@ -494,6 +533,7 @@ def _nog_bottle(rng: Rng) -> Parts:
     neck, cream = radius * rng.draw(0.45, 0.6), rng.vary(CREAM, 5)
     low, top = high * rng.draw(0.1, 0.2), high * rng.draw(0.42, 0.52)
     cap = rng.colour("bright", "brass")
+    # shoulder and neck above the label
     upper = [(radius, top), (radius, high * 0.56), (radius * 0.8, high * 0.68), (neck, high * 0.8), (neck, high * 0.9)]
     return Parts(
         cylinder(radius - 3, 0, low, cream, "glass", 32, radius),
@@ -508,8 +548,10 @@ def _nog_carton(rng: Rng) -> Parts:
     side, high, gable = rng.draw(70, 92), rng.draw(120, 175), rng.draw(28, 42)
     paper, ink = rng.pick(FESTIVE)
     half = side / 2
+    # a square ring, closed: round the carton
     ring = np.array([(-half, -half), (half, -half), (half, half), (-half, half), (-half, -half)])
     rows = [np.c_[ring, np.full(5, z)] for z in (0.0, high)]
+    # a label on each of the four sides
     front = label(paper, rng.vary(CREAM if paper != FESTIVE[2][0] else FOAM, 6), ink if ink[0] < 200 else paper,
                   rng.pick(NAMES),
                   (0.125, 0.375, 0.625, 0.875), 0.2, (0.25, 0.75))  # fmt: skip
@@ -517,6 +559,7 @@ def _nog_carton(rng: Rng) -> Parts:
     ridge = np.array([(-half, 0), (half, 0), (half, 0), (-half, 0), (-half, 0)]) * [1, 0]
     roof = [rows[1], np.c_[ridge * [0.999, 1] + ring * [0, 0.03], np.full(5, high + gable)]]
     cap = cylinder(12, 0, 12, rng.colour("bright"), "plastic", 16)
+    # the cap sits on the slope of the roof
     slope = np.degrees(np.arctan2(gable, half))
     cap = cap.rotated("x", -slope).moved(0, half * 0.5, high + gable * 0.5)
     return Parts(
@@ -528,14 +571,17 @@ def _nog_carton(rng: Rng) -> Parts:
 
 
 def _nog_jug(rng: Rng) -> Parts:
+    # half a side and the height
     half, high, cream = rng.draw(42, 54), rng.draw(160, 200), rng.vary(CREAM, 5)
     rows = []
+    # share of the width, and height as a share: foot, label, shoulder, neck
     for share, z in ((0.9, 0), (1, 0.05), (1, 0.14), (1, 0.5), (1, 0.56), (0.78, 0.72), (0.34, 0.88), (0.34, 0.95)):
         angle = np.linspace(np.pi, 3 * np.pi, 33)
         # a square with round corners
         round_off = np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle))) ** 0.75
         rows.append(np.stack([half * share / round_off * np.cos(angle), half * share / round_off * np.sin(angle),
                               np.full(33, z * high)], 1))  # fmt: skip
+    # from the shoulder down to the wall
     handle = [(-half * 0.2, 0, high * 0.88), (-half * 0.95, 0, high * 0.86), (-half * 1.35, 0, high * 0.66),
               (-half * 0.98, 0, high * 0.42)]  # fmt: skip
     return Parts(
@@ -548,11 +594,13 @@ def _nog_jug(rng: Rng) -> Parts:
 
 
 def _nog_glass(rng: Rng) -> Parts:
+    # on a stem, or a tumbler
     stem = rng.draw(35, 60) if rng.chance(0.5) else 0.0
     radius, high = rng.draw(34, 44), rng.draw(80, 130)
     clear, cream = (214, 224, 220), rng.vary(CREAM, 5)
     outline = smooth_curve([(radius * (0.35 if stem else 0.8), 0), (radius * 0.85, high * 0.2), (radius, high * 0.6),
                             (radius * 1.02, high * 0.9)], 16)  # fmt: skip
+    # foam with grated nutmeg
     foam = scatter(rng, FOAM, [(134, 88, 46), (160, 112, 64)], 90, 0.012)
     cup = vessel(outline, 2.5, cream, clear, "glass", content=(0.94, foam, "matte"))
     top = high * 0.9
@@ -573,6 +621,7 @@ def _nog_glass(rng: Rng) -> Parts:
         ear = [(-radius * 0.9, 0, high * 0.72), (-radius * 1.6, 0, high * 0.66), (-radius * 1.55, 0, high * 0.36),
                (-radius * 0.88, 0, high * 0.28)]  # fmt: skip
         parts += rod(ear, 4, clear, "glass")
+    # a ball of cream
     if rng.chance(0.3):
         parts += ball(9, (250, 246, 236), "matte", 12, 8).moved(0, 0, stem + top)
     return parts
