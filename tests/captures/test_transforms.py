@@ -46,14 +46,28 @@ def test_a_viewer_projects_as_the_rig_does(tmp_path):
 
 
 def test_other_lenses_are_written_per_frame_and_unknown_cameras_left_out():
+    """None stands at the top, where nerfstudio would take it for all."""
     pose = orbit_pose(np.zeros(3), 0, 30, 300)
     other = Camera.from_fov(320, 200, 60)
     content = describe_transforms([record("a", pose), record("b", pose, other), record("c", None)])
     assert [frame["file_path"][-5:] for frame in content["frames"]] == ["a.jpg", "b.jpg"]
-    assert "fl_x" not in content["frames"][0]
+    assert sorted(content) == ["camera_model", "frames"]
+    assert [frame["w"] for frame in content["frames"]] == [160, 320]
     assert content["frames"][1]["fl_x"] == pytest.approx(160 / np.tan(np.radians(30)))
-    assert content["frames"][1]["w"] == 320
     assert describe_transforms([record("c", None)])["frames"] == []
+
+
+def test_the_distortion_of_a_photograph_is_kept():
+    """Frames of lenses that differ in it alone differ, and a single lens has it at the top."""
+    pose = orbit_pose(np.zeros(3), 0, 30, 300)
+    bent = record("b", pose).model_copy(update={"made": {"distortion": [0.1, -0.2, 0.001, -0.002, 0.05]}})
+    first, second = describe_transforms([record("a", pose), bent])["frames"]
+    names = ("k1", "k2", "p1", "p2", "k3")
+    assert [second[name] for name in names] == [0.1, -0.2, 0.001, -0.002, 0.05]
+    assert [first.get(name) for name in names] == [0, 0, 0, 0, None]
+    assert describe_transforms([bent])["k1"] == 0.1
+    with pytest.raises(ValueError, match="up to five numbers"):
+        CaptureRecord.model_validate(bent.model_dump() | {"made": {"distortion": [0.1] * 8}})
 
 
 def test_objects_and_variants_that_stand_at_one_origin_are_kept_apart(tmp_path):

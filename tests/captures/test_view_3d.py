@@ -104,6 +104,12 @@ def test_cameras_are_as_the_plan_and_the_manifest_have_them(space):
     assert list(view.lines()) == [f"crate: 2 planned poses, 4 images, {count} pieces of its wrap"]
 
 
+def test_looking_at_an_object_that_the_plan_lacks_changes_no_file(space):
+    before = space.plan_file.read_bytes()
+    assert [frustum.capture for frustum in gather_view(space, "racer").frusta] == []
+    assert space.plan_file.read_bytes() == before
+
+
 def test_images_without_a_camera_are_named(space):
     assert gather_view(space).left_out == (("real/crate/patched/1.png", "its camera is not known"),)
 

@@ -109,6 +109,9 @@ def test_the_rigs_size_is_compared(space):
     assert "40.0 × 40.0 mm" in said and "the rig mounts" not in said
     said = call("--class", "warplane", "--size-mm", "60").output
     assert "60.0 × 60.0 mm" in said and "the rig mounts warplane on warplane at 40.0 mm" in said
+    # also beside a patch that is printed by its object, whose own size is the one asked for
+    said = call("--class", "warplane", "--object", "warplane", "--size-mm", "60").output
+    assert said.count("the rig mounts warplane on warplane at 40.0 mm") == 1
     assert "88" not in call("--class", "warplane", "--scale", "250").output.split("the rig mounts")[0].split("px")[0]
     spec.write_text("name = 3")
     assert "not compared with the rig" in call("--class", "warplane").output

@@ -19,7 +19,7 @@ LEFT_OUT = "left_out"
 Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
 INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
-MOST_COEFFICIENTS = 14
+MOST_COEFFICIENTS = 5
 """Number of coefficients of OpenCV's longest lens model."""
 
 
@@ -64,7 +64,7 @@ class CaptureRecord(BaseModel):
         if isinstance(found, list) and not (
             len(found) <= MOST_COEFFICIENTS and all(isinstance(k, int | float) and abs(k) < 1e9 for k in found)
         ):
-            raise ValueError("expected distortion as up to 14 numbers: OpenCV's k1, k2, p1, p2, k3, ...")
+            raise ValueError("expected distortion as up to five numbers: OpenCV's k1, k2, p1, p2 and k3")
         return made
 
     @property
@@ -119,27 +119,25 @@ def to_opengl(T_world_camera: np.ndarray) -> np.ndarray:
 
 
 def describe_transforms(records: list[CaptureRecord]) -> dict[str, Any]:
-    """Return the content of a folder's `transforms.json`, of records with a camera; other lenses stand in the frame."""
+    """Return the content of a folder's `transforms.json`, of records with a camera.
+
+    Lenses that differ stand in the frames alone: nerfstudio passes over those of frames where the file has one.
+    """
     known = [(record, record.camera) for record in records if record.T_world_camera]
-    cameras = [(record, camera) for record, camera in known if camera is not None]
+    lenses = [(record, _describe_lens(camera)) for record, camera in known if camera is not None]
     # no camera, no frames: viewers read such a file
-    if not cameras:
+    if not lenses:
         return {"camera_model": "OPENCV", "frames": []}
-    # the first camera stands for all whose lens is the same
-    first = cameras[0][1]
-    frames = []
-    for record, camera in cameras:
-        frame: dict[str, Any] = {
+    is_shared = all(lens == lenses[0][1] for _, lens in lenses)
+    frames = [
+        {
             "file_path": Path(record.path).name,
             "transform_matrix": to_opengl(np.array(record.T_world_camera)).tolist(),
-            "object": record.object, "variant": record.variant,
-        }  # fmt: skip
-        # a frame states its lens only if it differs
-        if camera.intrinsics != first.intrinsics:
-            frame |= _describe_camera(camera)
-        frames.append(frame)
-    distortion = {"k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0}
-    return {"camera_model": "OPENCV", **_describe_camera(first), **distortion, "frames": frames}
+            "object": record.object, "variant": record.variant, **({} if is_shared else lens),
+        }
+        for record, lens in lenses
+    ]  # fmt: skip
+    return {"camera_model": "OPENCV", **(lenses[0][1] if is_shared else {}), "frames": frames}
 
 
 TRANSFORMS = "transforms.json"
@@ -159,7 +157,11 @@ def write_transforms(source_dir: Path, records: list[CaptureRecord]) -> list[Pat
     return [write_json(file, content, source_dir) for file, content in files.items()]
 
 
-def _describe_camera(camera: Camera) -> dict[str, float]:
-    return {
+def _describe_lens(camera: Camera) -> dict[str, float]:
+    k1, k2, p1, p2, k3 = camera.distortion
+    lens = {
         "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy, "w": camera.width, "h": camera.height,
+        "k1": k1, "k2": k2, "p1": p1, "p2": p2,
     }  # fmt: skip
+    # only where there is one: not every viewer knows a sixth power
+    return lens | ({"k3": k3} if k3 else {})

@@ -23,7 +23,7 @@ from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.applied.base import Pieces
 from toolkit.rig.applied.kinds import KINDS
 from toolkit.rig.camera import as_quaternion
-from toolkit.rig.plan import open_plan
+from toolkit.rig.plan import read_plan
 
 if TYPE_CHECKING:
     import viser
@@ -84,7 +84,7 @@ def gather_view(workspace: Workspace, name: str | None = None, sources: Sequence
     Raises:
         ToolkitError: there is no such object, source or plan, or a file is broken.
     """
-    plan = open_plan(workspace, [name] if name else None) if workspace.plan_file.is_file() else None
+    plan = read_plan(workspace.plan_file) if workspace.plan_file.is_file() else None
     if name is None and plan is None:
         raise FieldError("which object? there is no plan yet, so name it with {object_name}", {})
     # without a name the plan's first object

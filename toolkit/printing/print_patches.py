@@ -314,14 +314,14 @@ def print_chosen(
         print_patch(png_file, pdf_file, settings, wearer) for png_file, wearer, pdf_file in _name_targets(worn, out)
     ]
     # without an object, patches by class or file, for each object that has them
+    more: list[PrintedPatch] = []
     failed: list[dict[str, str]] = []
     if classes or everything or files or not objects:
         chosen = select_patches(workspace, classes, everything, files)
         more, failed = print_patches(chosen, out, settings, go_on=everything, workspace=workspace)
-        printed += more
     # a size that was asked for by object is the spec's or the user's: there is nothing to compare
-    compared = [] if objects else printed
-    notes = list(dict.fromkeys(note for sheet in compared for note in compare_with_rig(workspace, sheet)))
+    notes = list(dict.fromkeys(note for sheet in more for note in compare_with_rig(workspace, sheet)))
+    printed += more
     return printed, failed, notes + check_fits(workspace, printed)
 
 

@@ -178,7 +178,7 @@ class LandingTrainConfig(Config):
     augment: Annotated[bool, Flag()] = Field(True, description="Quarter turns, and changes of light.")
     # a third output: the logarithm of the standard deviation, by the likelihood of a normal error
     uncertainty: Annotated[bool, Flag()] = Field(
-        False, description="Also predict the error to be expected, calibrated."
+        False, description="Also predict the error to be expected, by maximum likelihood; {loss} then does not count."
     )
 
     def fit_config(self, frames: int, seed: int) -> FitConfig:
