@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from mimetypes import guess_type
 from pathlib import Path
@@ -57,7 +57,8 @@ def write_imagefolder(
     for name, file in workspace.object_specs().items():
         with suppress(ToolkitError):  # a broken spec names no class
             labels[name] = str(read_spec(file).class_name)
-    answers = [_list_answers(workspace, run, captures_dir) for run in runs]
+    names = name_columns(runs, _column_of)
+    answers = [_list_answers(workspace, run, names[run.name], captures_dir) for run in runs]
     before = _list_written(folder)
     rows, left_out = list[Row](), len(found.faults)
     for capture in found.captures:
@@ -95,10 +96,9 @@ def write_imagefolder(
     return len(rows), left_out
 
 
-def _list_answers(workspace: Workspace, run: Run, captures_dir: Path | None) -> dict[str, Row]:
+def _list_answers(workspace: Workspace, run: Run, name: str, captures_dir: Path | None) -> dict[str, Row]:
     """Return the predictions of a run by path, of images that still have their own file."""
     place = captures_dir or find_captures_dir(workspace, run)
-    name = _column_of(run)
     return {
         prediction.capture.path: {f"{name}_label": prediction.top1_label, f"{name}_prob": prediction.top1_prob,
                            f"{name}_correct": prediction.correct_top1}
@@ -116,6 +116,19 @@ def _list_columns(runs: Sequence[Run]) -> dict[str, tuple[str, str]]:
             f"{name}_correct": ("sc:Boolean", f"Whether the answer of {network} is the label."),
         }
     return columns
+
+
+def name_columns(runs: Sequence[Run], shorten: Callable[[Run], str]) -> dict[str, str]:
+    """Return the name of each run in an export, by the run's name; a `ToolkitError` if two runs would share a name."""
+    owners = dict[str, str]()
+    for run in runs:
+        owner = owners.setdefault(shorten(run), run.name)
+        if owner != run.name:
+            raise ToolkitError(
+                f"{owner} and {run.name} would both be called {shorten(run)} in the export: export them into two "
+                "folders, or rename one of the runs"
+            )
+    return {owner: name for name, owner in owners.items()}
 
 
 def _column_of(run: Run) -> str:
