@@ -21,7 +21,7 @@ from toolkit.engine.units import Engine, Shared, Unit, WorkLog, cut_groups, run_
 from toolkit.rooms.landing.baselines import make_apriltag, make_features
 from toolkit.rooms.landing.config import CameraConfig, DescentConfig, FlyConfig, parse_gains
 from toolkit.rooms.landing.episodes import Episode, Flights, Look
-from toolkit.rooms.landing.regressor import Regressor, load_regressor
+from toolkit.rooms.landing.regressor import SUFFIX, Regressor, load_regressor
 from toolkit.rooms.landing.site import (
     Pad,
     PadPlace,
@@ -251,9 +251,10 @@ def fly_all(
     """
     predictors, optics, size_m = load_predictors(space, config, device)
     pads = {word: find_pad(space, word, size_m, seed) for word in config.pads}
+    _check_names({word: (pad.name, pad.sha256) for word, pad in pads.items()})
     world = find_world(config.world, config.world_seed)
     places = _choose_places(world, config, size_m, seed, _find_used(predictors, world))
-    folder = space.eval_dir / "landing" / (config.name or Path(config.regressors[0]).stem)
+    folder = space.eval_dir / "landing" / (config.name or name_finder(config.regressors[0]))
     setup = FlightSetup(config, seed, Sites(world, places, (config.time,), optics), pads, predictors)
     cells = list_cells(config, pads, world)
     with hold_folder(folder), (engine or EngineConfig()).open(gpus=int(device != "cpu")) as workers:
@@ -311,10 +312,9 @@ def load_predictors(
     space: Workspace, config: FlyConfig, device: str
 ) -> tuple[dict[str, Regressor | None], CameraConfig, float]:
     """Regressors by name, None for classical finders; their camera, and their pad's side."""
-    predictors: dict[str, Regressor | None] = {}
-    for word in config.regressors:
-        loaded = None if word in FINDERS else load_regressor(space, word, device)
-        predictors[word if loaded is None else loaded.name] = loaded
+    loaded = {word: None if word in FINDERS else load_regressor(space, word, device) for word in config.regressors}
+    _check_names({word: (name_finder(word), one.record.sha256 if one else "") for word, one in loaded.items()})
+    predictors = {name_finder(word): one for word, one in loaded.items()}
     trained = [regressor for regressor in predictors.values() if regressor is not None]
     if not trained:
         optics = CameraConfig() if config.image_px is None else CameraConfig(image_px=config.image_px)
@@ -326,6 +326,26 @@ def load_predictors(
     for network in trained:
         network.check(optics)
     return predictors, optics, config.size_m or first.size_m
+
+
+def name_finder(word: str) -> str:
+    """Name of a regressor that is given by its name or its file, or of a classical finder."""
+    return Path(word).name.removesuffix(SUFFIX)
+
+
+def _check_names(named: Mapping[str, tuple[str, str]]) -> None:
+    """Raise a `ToolkitError` if two words mean files of one name: their episodes would be counted together.
+
+    Args:
+        named: name and SHA-256 by word.
+    """
+    first: dict[str, tuple[str, str]] = {}
+    for word, (name, sha256) in named.items():
+        other, known = first.setdefault(name, (word, sha256))
+        if known != sha256:
+            raise ToolkitError(
+                f"{other} and {word} would both be called {name} in the results: rename one of the files"
+            )
 
 
 def _find_used(predictors: Mapping[str, Regressor | None], world: World) -> frozenset[str]:
@@ -353,7 +373,7 @@ def _choose_places(
 
 def list_cells(config: FlyConfig, pads: dict[str, Pad], world: World) -> list[FlightCell]:
     """All combinations; an AprilTag is looked for on no other pad."""
-    names = [word if word in FINDERS else Path(word).stem for word in config.regressors]
+    names = [name_finder(word) for word in config.regressors]
     return [
         FlightCell(pad.name, name, world.name, weather, severity, gains)
         for gains in config.gains
