@@ -22,7 +22,7 @@ from toolkit.core.workspace import PACKAGE_DATA, make_workspace
 from toolkit.engine.local import LocalPool
 from toolkit.models.load import load_classifier
 from toolkit.objects.add import ObjectRequest, add_object
-from toolkit.objects.records import NetworkRecord, encode_png
+from toolkit.objects.records import NetworkRecord, decode_png, encode_png
 from toolkit.rig.plan import read_plan
 from toolkit.rooms.benchmarks.challenge import CLOSED_OBJECTS, POSES, EntryConfig
 from toolkit.rooms.benchmarks.challenge import entry as entries
@@ -265,6 +265,19 @@ def test_a_tampered_score_is_found(entry, tamper):
     assert rescore(entry)
 
 
+def test_boosters_that_were_swapped_after_the_score_are_found(entry, tmp_path):
+    """The mean of their colours stays, so that only their hashes tell."""
+    make_up_score(entry, EVEN)
+    for suffix in (".png", ".json"):
+        files = [entry / "boosters" / f"{name}{suffix}" for name in ("eggnog", "racer")]
+        contents = [file.read_bytes() for file in files]
+        for file, content in zip(files, reversed(contents), strict=True):
+            file.write_bytes(content)
+    assert [fault for fault in rescore(entry) if "eggnog.png: is not what entry.json names" in fault]
+    with pytest.raises(ToolkitError, match=r"no entry to rank: .*eggnog\.png: is not what entry\.json names"):
+        write_board([entry], tmp_path / "board")
+
+
 @pytest.mark.slow
 def test_a_score_by_other_judges_lies_beside_the_first(entry, tmp_path, capsys):
     make_up_score(entry, EVEN)
@@ -341,7 +354,12 @@ def test_the_board_says_in_which_renderers_a_gain_holds(entered, tmp_path):
     ours, others = (shutil.copytree(entered, tmp_path / name) for name in ("ours", "others"))
     make_up_score(ours, EVEN, name="ours")
     hashes = read_entry(ours).record.boosters
-    edit(others, boosters=dict.fromkeys(hashes, "0" * 64))
+    for name in hashes:
+        file = others / "boosters" / f"{name}.png"
+        write_bytes(file, encode_png(255 - decode_png(file.read_bytes(), file)))
+        record = file.with_suffix(".json")
+        record.write_text(json.dumps(json.loads(record.read_text()) | {"png_sha256": sha256_file(file)}))
+    edit(others, boosters={name: sha256_file(others / "boosters" / f"{name}.png") for name in hashes})
     make_up_score(others, EVEN | {"racer": 0.5}, name="others")
     shot = [hashes["racer"], hashes["eggnog"]]
     runs = [

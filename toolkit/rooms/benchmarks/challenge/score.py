@@ -429,6 +429,7 @@ def rescore(folder: Path) -> list[str]:
         again = count_score(judged.entry, judges, judged.outcomes, sha256)
         for name in judged.entry.objects:
             read_picture(judged, name)
+            judged.entry.check_hash(name)
     except ToolkitError as error:
         return [str(error)]
     # compared field by field
