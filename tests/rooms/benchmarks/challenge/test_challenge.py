@@ -26,6 +26,7 @@ from toolkit.objects.records import NetworkRecord, decode_png, encode_png
 from toolkit.rig.plan import read_plan
 from toolkit.rooms.benchmarks.challenge import CLOSED_OBJECTS, POSES, EntryConfig
 from toolkit.rooms.benchmarks.challenge import entry as entries
+from toolkit.rooms.benchmarks.challenge import score as scores
 from toolkit.rooms.benchmarks.challenge.board import rank_entries, write_board
 from toolkit.rooms.benchmarks.challenge.entry import check_entry, init_entry, open_space, read_entry
 from toolkit.rooms.benchmarks.challenge.score import (
@@ -263,6 +264,18 @@ def test_a_tampered_score_is_found(entry, tamper):
         (entry / SCORE / OUTCOMES).write_text("\n".join([lines[0], changed, *lines[2:]]) + "\n")
     file.write_text(json.dumps(content))
     assert rescore(entry)
+
+
+def test_a_score_without_some_poses_is_not_official(entry, monkeypatch):
+    """Four of the 36 pictures of each object, by the division's judges."""
+    judges = (UNSEEN_SHA, read_entry(entry).record.networks[0].sha256)
+    monkeypatch.setattr(scores, "JUDGES", {sha[:4]: sha for sha in judges})
+    assert not make_up_score(entry, EVEN).is_official
+    partial = read_judged(entry).score
+    monkeypatch.setattr(scores, "POSES", 2)  # a version with as many poses
+    whole = make_up_score(entry, EVEN)
+    assert whole.is_official and whole.class_of != partial.class_of  # never ranked together
+    assert rescore(entry / "score-2") == []
 
 
 def test_boosters_that_were_swapped_after_the_score_are_found(entry, tmp_path):
