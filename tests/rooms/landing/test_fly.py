@@ -112,6 +112,21 @@ def test_flights_of_an_older_method_are_not_mixed_in(
     assert [fly_all(space, QUICK, seed=2).made for _ in range(2)] == [2, 0]
 
 
+@pytest.mark.parametrize("changes", [{"outcome": "sucess"}, {"error_m": float("nan")}])
+def test_an_episode_that_was_edited_to_nonsense_is_flown_again(
+    flown: tuple[Workspace, Flown], tmp_path: Path, changes: dict[str, object]
+) -> None:
+    """An outcome without a name would be in no column of the table."""
+    space = make_workspace(tmp_path / "work")
+    shutil.copytree(flown[0].eval_dir, space.eval_dir, dirs_exist_ok=True)
+    log = space.eval_dir / "landing/apriltag/episodes.jsonl"
+    first, *others = log.read_text().splitlines()
+    log.write_text("\n".join([json.dumps(json.loads(first) | changes), *others]) + "\n")
+    again = fly_all(space, QUICK, seed=2)
+    assert again.made == 1
+    assert again.records == flown[1].records
+
+
 @pytest.mark.slow
 def test_more_pixels_find_a_tag_from_higher_up(tmp_path: Path) -> None:
     space = make_workspace(tmp_path / "work")

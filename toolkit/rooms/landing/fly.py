@@ -4,10 +4,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError
@@ -20,7 +20,7 @@ from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Shared, Unit, WorkLog, cut_groups, run_resumable
 from toolkit.rooms.landing.baselines import make_apriltag, make_features
 from toolkit.rooms.landing.config import CameraConfig, DescentConfig, FlyConfig, parse_gains
-from toolkit.rooms.landing.episodes import Episode, Flights, Look
+from toolkit.rooms.landing.episodes import OUTCOMES, Episode, Flights, Look
 from toolkit.rooms.landing.regressor import SUFFIX, Regressor, load_regressor
 from toolkit.rooms.landing.site import (
     Pad,
@@ -122,6 +122,12 @@ class FlightCell:
         return ", ".join((self.pad, self.regressor, self.air, self.gains))
 
 
+def _check_outcome(word: str) -> str:
+    if word not in OUTCOMES:
+        raise ValueError(f"expected {', '.join(OUTCOMES)}")
+    return word
+
+
 class EpisodeRecord(BaseModel):
     """An episode that has ended, a line of `episodes.jsonl`.
 
@@ -134,7 +140,7 @@ class EpisodeRecord(BaseModel):
         seen: (x, y) that the regressor said of each picture, as an offset in the world.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     inputs: str
     pad: str
     regressor: str
@@ -144,7 +150,7 @@ class EpisodeRecord(BaseModel):
     gains: str
     index: int
     place: str
-    outcome: str
+    outcome: Annotated[str, AfterValidator(_check_outcome)]
     error_m: float | None
     time_s: float
     path_m: float
