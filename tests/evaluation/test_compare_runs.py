@@ -58,6 +58,19 @@ def test_a_run_whose_pictures_were_replaced_says_so(two_runs):
     assert not [one for one in compare(two_runs).notes if "judged other images" in one]
 
 
+def test_a_variant_called_as_the_pooled_rows_counts_once(two_runs, as_older):
+    """New captures may not have it; runs of earlier versions may."""
+    for run in ("before", "after"):
+        as_older(two_runs.eval_dir / run)
+        file = two_runs.eval_dir / run / "predictions.csv"
+        file.write_text(file.read_text().replace(",patched,", ",all,"))
+    found = compare(two_runs)
+    assert len(found.pairs) == found.pooled.n == 8
+    assert {(row.object, row.second): row.outcomes.n for row in found.rows} == {
+        ("racer", "unpatched"): 4, ("all", "unpatched"): 4, ("racer", "all"): 8, ("all", "all"): 8
+    }  # fmt: skip
+
+
 def test_turned_round_gained_is_lost(two_runs):
     there, back = compare(two_runs), compare(two_runs, "after", "before")
     assert back.pooled.only_first == there.pooled.only_second and back.pooled.mcnemar_p == there.pooled.mcnemar_p

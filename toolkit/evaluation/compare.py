@@ -295,7 +295,9 @@ def _key_by_bytes(predictions: list[Prediction], folder: Path) -> dict[tuple[str
 def _count_rows(pairs: Iterable[Pair]) -> list[Comparison]:
     def keys_of(pair: Pair) -> list[tuple[str, str]]:
         capture = pair.first.capture
-        return [(variant, name) for variant in (capture.variant, POOLED) for name in (capture.object, POOLED)]
+        keys = [(variant, name) for variant in (capture.variant, POOLED) for name in (capture.object, POOLED)]
+        # an older run may have a variant of that name, whose images would count twice
+        return list(dict.fromkeys(keys))
 
     members = gather(pairs, keys_of)
     order = sorted(members, key=lambda key: (key[0] == POOLED, rank_variant(key[0]), key[1] == POOLED, key[1]))
