@@ -11,7 +11,16 @@ from typing import Any
 from toolkit import __version__
 from toolkit.captures.read import read_captures
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import delete_file, inside, read_bytes, sha256_bytes, write_bytes, write_json, write_text
+from toolkit.core.files import (
+    delete_file,
+    inside,
+    read_bytes,
+    real_path,
+    sha256_bytes,
+    write_bytes,
+    write_json,
+    write_text,
+)
 from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predictions_csv import find_captures_dir, has_own_file, read_predictions
@@ -59,6 +68,12 @@ def write_imagefolder(
             labels[name] = str(read_spec(file).class_name)
     names = name_columns(runs, _column_of)
     answers = [_list_answers(workspace, run, names[run.name], captures_dir) for run in runs]
+    files = {real_path(capture.file) for capture in found.captures}
+    for run, known in zip(runs, answers, strict=True):
+        if not files & known.keys():
+            raise ToolkitError(
+                f"{run.name} judged none of the images in {found.root}: leave it out, or name their folder"
+            )
     before = _list_written(folder)
     rows, left_out = list[Row](), len(found.faults)
     for capture in found.captures:
@@ -78,7 +93,7 @@ def write_imagefolder(
             "booster_sha256": capture.booster_sha256, "image_sha256": sha256_bytes(content),
         }  # fmt: skip
         for known in answers:
-            row |= known.get(capture.path, {})
+            row |= known.get(real_path(capture.file), {})
         rows.append(row)
     if not rows:
         raise ToolkitError(f"{found.root}: none of {left_out} images can be read")
@@ -96,12 +111,14 @@ def write_imagefolder(
     return len(rows), left_out
 
 
-def _list_answers(workspace: Workspace, run: Run, name: str, captures_dir: Path | None) -> dict[str, Row]:
-    """Return the predictions of a run by path, of images that still have their own file."""
+def _list_answers(workspace: Workspace, run: Run, name: str, captures_dir: Path | None) -> dict[Path, Row]:
+    """Return the predictions of a run by their images, of those that still have their own file."""
     place = captures_dir or find_captures_dir(workspace, run)
     return {
-        prediction.capture.path: {f"{name}_label": prediction.top1_label, f"{name}_prob": prediction.top1_prob,
-                           f"{name}_correct": prediction.correct_top1}
+        real_path(prediction.capture.file): {
+            f"{name}_label": prediction.top1_label, f"{name}_prob": prediction.top1_prob,
+            f"{name}_correct": prediction.correct_top1,
+        }
         for prediction in read_predictions(run, place) if prediction.is_read and has_own_file(prediction, place)
     }  # fmt: skip
 
