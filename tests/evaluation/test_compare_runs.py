@@ -58,6 +58,22 @@ def test_a_run_whose_pictures_were_replaced_says_so(two_runs):
     assert not [one for one in compare(two_runs).notes if "judged other images" in one]
 
 
+def test_images_that_are_gone_hide_no_replacement(two_runs):
+    """A single lost image leaves unknown which the others are; the two runs' own hashes differ all the same."""
+    (two_runs.captures_dir / "sim/racer/patched/4.png").unlink()
+    lost = "1 of 8 images of before are gone, so it is not known whether the others are those that it judged"
+    between = (
+        "before and after judged different pictures under the same names: some were shot again, edited or replaced"
+    )
+    assert {lost, between} <= set(compare(two_runs).notes)
+    assert export_predictions(two_runs, ["before"], "csv").replaced == (lost,)
+    # of a run whose images are all gone, none is taken for another
+    shutil.rmtree(two_runs.captures_dir / "sim")
+    notes = compare(two_runs).notes
+    assert between in notes and not [note for note in notes if "are gone" in note]
+    assert compare(two_runs, "after", "after").notes == ()
+
+
 def test_a_variant_called_as_the_pooled_rows_counts_once(two_runs, as_older):
     """New captures may not have it; runs of earlier versions may."""
     for run in ("before", "after"):
