@@ -180,13 +180,16 @@ def test_selection(folder):
 
 
 def test_bad_folders(tmp_path):
-    put(tmp_path, "loose/a.jpg", "empty/readme.txt", "file.jpg", "named/sim/all/patched/1.jpg")
+    put(
+        tmp_path, "loose/a.jpg", "empty/readme.txt", "file.jpg", "named/sim/all/patched/1.jpg", "worn/sim/mug/all/1.jpg"
+    )
     for name, expected in (
         ("gone", "does not exist"),
         ("file.jpg", "is a file"),
         ("empty", "holds no images"),
         ("loose", "not sorted into folders"),
-        ("named", "may not be called 'all'"),
+        ("named", "object 'all': .* may not be called"),
+        ("worn", "variant 'all': .* may not be called"),
     ):
         with pytest.raises(ToolkitError, match=expected):
             read_captures(tmp_path / name)

@@ -58,6 +58,35 @@ def test_a_run_whose_pictures_were_replaced_says_so(two_runs):
     assert not [one for one in compare(two_runs).notes if "judged other images" in one]
 
 
+def test_images_that_are_gone_hide_no_replacement(two_runs):
+    """A single lost image leaves unknown which the others are; the two runs' own hashes differ all the same."""
+    (two_runs.captures_dir / "sim/racer/patched/4.png").unlink()
+    lost = "1 of 8 images of before are gone, so it is not known whether the others are those that it judged"
+    between = (
+        "before and after judged different pictures under the same names: some were shot again, edited or replaced"
+    )
+    assert {lost, between} <= set(compare(two_runs).notes)
+    assert export_predictions(two_runs, ["before"], "csv").replaced == (lost,)
+    # of a run whose images are all gone, none is taken for another
+    shutil.rmtree(two_runs.captures_dir / "sim")
+    notes = compare(two_runs).notes
+    assert between in notes and not [note for note in notes if "are gone" in note]
+    assert compare(two_runs, "after", "after").notes == ()
+
+
+def test_a_variant_called_as_the_pooled_rows_counts_once(two_runs, as_older):
+    """New captures may not have it; runs of earlier versions may."""
+    for run in ("before", "after"):
+        as_older(two_runs.eval_dir / run)
+        file = two_runs.eval_dir / run / "predictions.csv"
+        file.write_text(file.read_text().replace(",patched,", ",all,"))
+    found = compare(two_runs)
+    assert len(found.pairs) == found.pooled.n == 8
+    assert {(row.object, row.second): row.outcomes.n for row in found.rows} == {
+        ("racer", "unpatched"): 4, ("all", "unpatched"): 4, ("racer", "all"): 8, ("all", "all"): 8
+    }  # fmt: skip
+
+
 def test_turned_round_gained_is_lost(two_runs):
     there, back = compare(two_runs), compare(two_runs, "after", "before")
     assert back.pooled.only_first == there.pooled.only_second and back.pooled.mcnemar_p == there.pooled.mcnemar_p

@@ -2,6 +2,10 @@
 
 import csv
 import json
+import runpy
+import shutil
+import sys
+from unittest.mock import MagicMock
 
 import pytest
 from typer.testing import CliRunner
@@ -12,7 +16,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json, write_text
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.evaluation.export import write_csv, write_fiftyone, write_parquet
+from toolkit.evaluation.export import export_predictions, write_csv, write_fiftyone, write_parquet
 from toolkit.evaluation.prediction import Detection
 from toolkit.evaluation.predictions_csv import (
     DETECTION_COLUMNS,
@@ -105,6 +109,40 @@ def test_what_cannot_be_exported_is_a_line(workspace, evaluated):
 def test_one_run_is_not_several(evaluated, tmp_path):
     call = ["export", "night", "--to", "csv", "--out", str(tmp_path / "x.csv"), "--workspace", str(evaluated.root)]
     assert "predictions of 1 run: " in CliRunner().invoke(app, call).output
+
+
+def test_a_run_that_is_named_twice_counts_once(evaluated, tmp_path):
+    out = tmp_path / "x.csv"
+    call = ["export", "night", str(evaluated.eval_dir / "night"), "--to", "csv", "--out", str(out)]
+    assert "5 predictions of 1 run: " in CliRunner().invoke(app, [*call, "--workspace", str(evaluated.root)]).output
+    assert len(out.read_text().splitlines()) == 1 + 5
+
+
+@pytest.mark.parametrize("form", ["fiftyone", "imagefolder"])
+def test_two_runs_of_one_short_name_are_not_mixed(evaluated, tmp_path, form):
+    for name in ("night-1", "night_1"):
+        shutil.copytree(evaluated.eval_dir / "night", evaluated.eval_dir / name)
+    with pytest.raises(ToolkitError, match=r"night-1 and night_1 would both be called night_1"):
+        export_predictions(evaluated, ["night-1", "night_1"], form, tmp_path / form)
+
+
+def test_fiftyone_does_not_load_the_labels_of_an_earlier_export(
+    evaluated, put, colour_classifier, tmp_path, monkeypatch
+):
+    """The second export numbers other images: an earlier run's predictions would land on them."""
+    out = tmp_path / "out"
+    export_predictions(evaluated, ["night"], "fiftyone", out)
+    put("sim/racer/unpatched/0.png", "racer")
+    (evaluated.captures_dir / "sim/racer/patched/1.png").unlink()
+    evaluate_captures(evaluated.captures_dir, evaluated, colour_classifier, EvalConfig(run="late"))
+    export_predictions(evaluated, ["late"], "fiftyone", out)
+    # what load.py asks FiftyOne to merge
+    fake = MagicMock()
+    monkeypatch.setitem(sys.modules, "fiftyone", fake)
+    monkeypatch.setattr(sys, "argv", ["load.py"])
+    runpy.run_path(str(out / "load.py"))
+    merged = {call.kwargs["label_field"] for call in fake.Dataset.return_value.merge_dir.call_args_list}
+    assert merged == {"ground_truth", "object", "variant", "source", "prediction_late"}
 
 
 BOX, FITTING = (10.0, 20.0, 50.0, 60.0), (12.0, 20.0, 52.0, 60.0)

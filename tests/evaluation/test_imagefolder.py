@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from one_line import error_of
 
+from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
@@ -44,6 +45,22 @@ def test_every_image_is_there_with_its_label(captured, tmp_path):
         assert row["night_correct"] == (row["variant"] == "patched") and 0 < row["night_prob"] <= 1
     listed = {str(file.relative_to(tmp_path / "out/test")) for file in (tmp_path / "out/test").rglob("*.png")}
     assert listed == set(rows)
+
+
+def test_a_run_of_other_images_is_not_an_empty_column(captured, put, colour_classifier, tmp_path):
+    """A sweep's images lie elsewhere, here under the same names: its answers are of none of the exported images."""
+    (captured.eval_dir / "sweeps/distance").mkdir(parents=True)
+    captured.captures_dir.rename(captured.eval_dir / "sweeps/distance/captures")
+    put("sim/racer/patched/1.png", "racer")
+    run = captured.eval_dir / "sweeps/distance/colours"
+    (captured.eval_dir / "night").rename(run)
+    summary = json.loads((run / "summary.json").read_text())
+    summary.pop("content_sha256", None)
+    (run / "summary.json").write_text(json.dumps(summary | {"kind": "sweep"}))
+    with pytest.raises(
+        ToolkitError, match=r"sweeps/distance/colours judged none of the images in .*captures: leave it"
+    ):
+        export_predictions(captured, ["sweeps/distance/colours"], "imagefolder", tmp_path)
 
 
 def test_the_card_tells_the_hub_where_the_images_are(captured, tmp_path):

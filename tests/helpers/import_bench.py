@@ -51,14 +51,14 @@ def picture(seed: int, size=(48, 36)) -> Image.Image:
     return Image.fromarray(np.random.default_rng(seed).integers(0, 256, (size[1], size[0], 3), dtype=np.uint8))
 
 
-def take(file: Path, seed: int, minute: float | None = None, **options) -> Path:
-    """A photograph of its own, taken `minute` minutes after the start."""
+def take(file: Path, seed: int, minute: float | None = None, offset: str = "", **options) -> Path:
+    """A photograph of its own, taken `minute` minutes after the start, perhaps with an offset from UTC."""
     file.parent.mkdir(parents=True, exist_ok=True)
     exif = Image.Exif()
     exif[0x0110] = "Acme Phone 3"
     if minute is not None:
         taken = START + timedelta(minutes=minute)
-        exif[0x8769] = {0x9003: taken.strftime("%Y:%m:%d %H:%M:%S")}
+        exif[0x8769] = {0x9003: taken.strftime("%Y:%m:%d %H:%M:%S"), **({0x9011: offset} if offset else {})}
     picture(seed).save(file, exif=exif.tobytes(), **options)
     return file
 

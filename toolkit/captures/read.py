@@ -109,9 +109,12 @@ def read_captures(root: Path, selection: Selection | None = None, *, trust_files
     if wanted and not counted:
         raise ToolkitError(f"{root}: none of {len(wanted)} images counts; {aside[0].path}: {aside[0].reason}")
     counted.sort(key=lambda capture: (capture.source, capture.object, capture.variant, capture.path))
-    if any(capture.object == POOLED for capture in counted):
-        raise ToolkitError(f"{root}: an object may not be called '{POOLED}', the pooled rows are: rename its folder")
-    # files outside of SOURCE/OBJECT/VARIANT are told and not counted
+    for what in ("object", "variant"):
+        if any(getattr(capture, what) == POOLED for capture in counted):
+            raise ToolkitError(
+                f"{root}: {what} '{POOLED}': an object or a variant may not be called as the pooled rows are: rename "
+                "its folder"
+            )
     stray = [show_path(parts) for parts in found.images if len(parts) <= depth]
     unread = tuple((path, reason) for path, reason in found.refused if len(path.split("/")) <= depth)
     notes = _note_files(found, stray, counted) + _note_doubles(counted) + _note_aside(aside)

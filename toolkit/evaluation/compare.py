@@ -36,7 +36,7 @@ from toolkit.evaluation.metrics import (
     pair_with_unpatched,
     rank_variant,
 )
-from toolkit.evaluation.origin import explain_replaced
+from toolkit.evaluation.origin import explain_replaced, read_images_hash
 from toolkit.evaluation.page import write_page
 from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.predictions_csv import find_captures_dir, has_own_file, hash_images, read_predictions
@@ -200,6 +200,12 @@ def compare_runs(workspace: Workspace, first: Run, second: Run, captures_dir: Pa
         line for run, own, folder in zip((first, second), said, folders, strict=True)
         for line in explain_replaced(run, own, folder)
     ]  # fmt: skip
+    # runs of the same names judged the same images, unless their hashes differ
+    hashes = {read_images_hash(run) for run in (first, second)} - {None}
+    names = [{prediction.capture.path for prediction in own} for own in said]
+    if is_one and len(hashes) > 1 and names[0] == names[1]:
+        what = "judged different pictures under the same names: some were shot again, edited or replaced"
+        replaced.append(f"{first.name} and {second.name} {what}")
     pooling = explain_pooling([row for row in rows if row.second != POOLED])
     notes = (*replaced, *list_differences(first, second, pairs), *pooling)
     return RunComparison(
@@ -299,7 +305,9 @@ def _key_by_bytes(predictions: list[Prediction], folder: Path) -> dict[tuple[str
 def _count_rows(pairs: Iterable[Pair]) -> list[Comparison]:
     def keys_of(pair: Pair) -> list[tuple[str, str]]:
         capture = pair.first.capture
-        return [(variant, name) for variant in (capture.variant, POOLED) for name in (capture.object, POOLED)]
+        keys = [(variant, name) for variant in (capture.variant, POOLED) for name in (capture.object, POOLED)]
+        # an older run may have a variant of that name, whose images would count twice
+        return list(dict.fromkeys(keys))
 
     members = gather(pairs, keys_of)
     order = sorted(members, key=lambda key: (key[0] == POOLED, rank_variant(key[0]), key[1] == POOLED, key[1]))

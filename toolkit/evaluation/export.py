@@ -11,11 +11,11 @@ from toolkit import __version__
 from toolkit.captures.truth import as_bbox, write_instances
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.extras import import_package
-from toolkit.core.files import write_bytes, write_json, write_text
+from toolkit.core.files import real_path, write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.imagefolder import write_imagefolder
+from toolkit.evaluation.imagefolder import name_columns, write_imagefolder
 from toolkit.evaluation.origin import explain_replaced
 from toolkit.evaluation.prediction import Box, Detection, Prediction
 from toolkit.evaluation.predictions_csv import (
@@ -110,7 +110,8 @@ def export_predictions(
     refused: Sequence[tuple[str, str]] = ()
     # the runs that are named, or all that have predictions
     if names:
-        runs = [open_run(workspace, name) for name in names]
+        # a run that is named twice, as by name and by folder, is one run
+        runs = list({real_path(run.folder): run for run in (open_run(workspace, name) for name in names)}.values())
     elif form == "imagefolder":
         runs = []  # the images need no run
     else:
@@ -209,12 +210,14 @@ import fiftyone as fo
 
 here = Path(__file__).resolve().parent
 dataset = fo.Dataset(sys.argv[1] if len(sys.argv) > 1 else None, persistent=len(sys.argv) > 1)
-for labels in sorted((here / "labels").glob("*.json")):
+# the fields of this export: a file of an earlier export would number other images
+for field in FIELDS:
+    labels = here / "labels" / f"{field}.json"
     has_boxes = any(isinstance(one, list) for one in json.loads(labels.read_text())["labels"].values())
     kind = "FiftyOneImageDetectionDataset" if has_boxes else "FiftyOneImageClassificationDataset"
     dataset.merge_dir(
         dataset_type=getattr(fo.types, kind), data_path=str(here / "data.json"), labels_path=str(labels),
-        label_field=labels.stem,
+        label_field=field,
     )
 print(dataset)
 if __name__ == "__main__":
@@ -237,7 +240,7 @@ def write_fiftyone(
     """
     files: dict[str, str] = {}
     fields: dict[str, dict[str, object]] = {}
-    left_out = 0
+    left_out, columns = 0, name_columns(runs, _as_name)
     for run in runs:
         # images that are gone, unreadable or corrupted in memory have no file to show
         placed, gone = _read_placed(workspace, run, captures_dir)
@@ -248,8 +251,7 @@ def write_fiftyone(
             labels: dict[str, object] = {
                 name: getattr(prediction.capture, name) for name in ("object", "variant", "source")
             }
-            said, column = prediction.detection, f"prediction_{_as_name(run)}"
-            # a classifier's answer with its label, or a detector's box
+            said, column = prediction.detection, f"prediction_{columns[run.name]}"
             if said is None:
                 names = {"correct": "correct_top1", "true_prob": "true_prob", "true_rank": "true_rank"}
                 about = {name: getattr(prediction, field) for name, field in names.items()}
@@ -268,7 +270,7 @@ def write_fiftyone(
     write_json(folder / "data.json", {key: file for file, key in files.items()})
     for name, labels in fields.items():
         write_json(folder / "labels" / f"{name}.json", {"labels": labels})
-    write_text(folder / "load.py", LOADER)
+    write_text(folder / "load.py", LOADER.replace("FIELDS", repr(sorted(fields))))
     return len(files), left_out
 
 
@@ -309,7 +311,7 @@ def write_coco_results(
     The first is the truth, with `file_name` below the captures. The second has the best box of each image, which is
     all that a run keeps: for average precision see its `summary.json`. No image is copied. Returns as `write_fiftyone`.
     """
-    total = left_out = 0
+    total, left_out, folders = 0, 0, name_columns(runs, _as_name)
     for run in runs:
         # only runs of detectors have boxes
         if run.kind != "detection":
@@ -333,7 +335,7 @@ def write_coco_results(
                 truths.append({"id": number, **of, "bbox": box, "area": box[2] * box[3], "iscrowd": 0, **about})
             if said.box is not None:
                 results.append({**of, "bbox": as_bbox(said.box), "score": said.score})
-        write_instances(folder / _as_name(run) / "instances.json", images, truths, categories)
-        write_json(folder / _as_name(run) / "results.json", results)
+        write_instances(folder / folders[run.name] / "instances.json", images, truths, categories)
+        write_json(folder / folders[run.name] / "results.json", results)
         total, left_out = total + len(placed), left_out + gone
     return total, left_out

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from mimetypes import guess_type
 from pathlib import Path
@@ -11,7 +11,16 @@ from typing import Any
 from toolkit import __version__
 from toolkit.captures.read import read_captures
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import delete_file, inside, read_bytes, sha256_bytes, write_bytes, write_json, write_text
+from toolkit.core.files import (
+    delete_file,
+    inside,
+    read_bytes,
+    real_path,
+    sha256_bytes,
+    write_bytes,
+    write_json,
+    write_text,
+)
 from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predictions_csv import find_captures_dir, has_own_file, read_predictions
@@ -58,8 +67,14 @@ def write_imagefolder(
     for name, file in workspace.object_specs().items():
         with suppress(ToolkitError):  # a broken spec names no class
             labels[name] = str(read_spec(file).class_name)
-    answers = [_list_answers(workspace, run, captures_dir) for run in runs]
-    # files of an earlier export, which may be gone from the captures
+    names = name_columns(runs, _column_of)
+    answers = [_list_answers(workspace, run, names[run.name], captures_dir) for run in runs]
+    files = {real_path(capture.file) for capture in found.captures}
+    for run, known in zip(runs, answers, strict=True):
+        if not files & known.keys():
+            raise ToolkitError(
+                f"{run.name} judged none of the images in {found.root}: leave it out, or name their folder"
+            )
     before = _list_written(folder)
     rows, left_out = list[Row](), len(found.faults)
     for capture in found.captures:
@@ -80,7 +95,7 @@ def write_imagefolder(
         }  # fmt: skip
         # the columns of each run, for the images that it judged
         for known in answers:
-            row |= known.get(capture.path, {})
+            row |= known.get(real_path(capture.file), {})
         rows.append(row)
     if not rows:
         raise ToolkitError(f"{found.root}: none of {left_out} images can be read")
@@ -98,14 +113,14 @@ def write_imagefolder(
     return len(rows), left_out
 
 
-def _list_answers(workspace: Workspace, run: Run, captures_dir: Path | None) -> dict[str, Row]:
-    """Return the predictions of a run by path, of images that still have their own file."""
-    # images lie where the run found them, unless another folder is named
+def _list_answers(workspace: Workspace, run: Run, name: str, captures_dir: Path | None) -> dict[Path, Row]:
+    """Return the predictions of a run by their images, of those that still have their own file."""
     place = captures_dir or find_captures_dir(workspace, run)
-    name = _column_of(run)
     return {
-        prediction.capture.path: {f"{name}_label": prediction.top1_label, f"{name}_prob": prediction.top1_prob,
-                           f"{name}_correct": prediction.correct_top1}
+        real_path(prediction.capture.file): {
+            f"{name}_label": prediction.top1_label, f"{name}_prob": prediction.top1_prob,
+            f"{name}_correct": prediction.correct_top1,
+        }
         for prediction in read_predictions(run, place) if prediction.is_read and has_own_file(prediction, place)
     }  # fmt: skip
 
@@ -120,6 +135,19 @@ def _list_columns(runs: Sequence[Run]) -> dict[str, tuple[str, str]]:
             f"{name}_correct": ("sc:Boolean", f"Whether the answer of {network} is the label."),
         }
     return columns
+
+
+def name_columns(runs: Sequence[Run], shorten: Callable[[Run], str]) -> dict[str, str]:
+    """Return the name of each run in an export, by the run's name; a `ToolkitError` if two runs would share a name."""
+    owners = dict[str, str]()
+    for run in runs:
+        owner = owners.setdefault(shorten(run), run.name)
+        if owner != run.name:
+            raise ToolkitError(
+                f"{owner} and {run.name} would both be called {shorten(run)} in the export: export them into two "
+                "folders, or rename one of the runs"
+            )
+    return {owner: name for name, owner in owners.items()}
 
 
 def _column_of(run: Run) -> str:

@@ -133,21 +133,34 @@ def hash_captures(captures: Iterable[Capture]) -> str:
 
 
 def explain_replaced(run: Run, predictions: Sequence[Prediction], captures_dir: Path) -> list[str]:
-    """Return a sentence if images of a run were replaced since; none if images are gone or the run is too old."""
-    # older runs do not state their images
-    before = (load_json(run.folder / SUMMARY).get("rests_on") or {}).get("images_sha256")
+    """Return a sentence if images of a run were replaced since, or if lost images leave that unknown.
+
+    None if all images are gone, or if the run is too old.
+    """
+    before = read_images_hash(run)
     if before is None:
         return []
     hashed = list(zip(predictions, hash_images(predictions), strict=True))
-    # images that are gone cannot be compared
-    if any(sha256 is None and prediction.is_read for prediction, sha256 in hashed):
-        return []
+    gone = sum(sha256 is None and prediction.is_read for prediction, sha256 in hashed)
+    if gone:
+        if all(sha256 is None for _, sha256 in hashed):
+            return []
+        return [
+            f"{gone} of {len(hashed)} images of {run.name} are gone, so it is not known whether the others are those "
+            "that it judged"
+        ]
     if hash_captures(replace(prediction.capture, image_sha256=sha256) for prediction, sha256 in hashed) == before:
         return []
     return [
         f"{run.name} judged other images than there are in {captures_dir} now: they were shot again, edited or "
         "replaced. Run 'toolkit eval' again to judge the new images"
     ]
+
+
+def read_images_hash(run: Run) -> str | None:
+    """Return the hash of all images that a run judged, see `hash_captures`; None in older runs."""
+    sha256: str | None = (load_json(run.folder / SUMMARY).get("rests_on") or {}).get("images_sha256")
+    return sha256
 
 
 def _describe_source(source: str, folder: CaptureFolder) -> SourceOrigin:

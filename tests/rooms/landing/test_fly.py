@@ -7,17 +7,22 @@ from io import BytesIO
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 from PIL import Image
+from safetensors.torch import load_file, save_file
 from scipy.stats import binomtest
 from test_boost import make_regressor
 
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import sha256_file
 from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.rooms.landing.config import EpisodeConfig, FlyConfig
 from toolkit.rooms.landing.flight_report import film_episode, group_cells, pair_cells, write_report, write_summary
-from toolkit.rooms.landing.fly import EpisodeRecord, FlightCell, Flown, fly_all
+from toolkit.rooms.landing.fly import EpisodeRecord, FlightCell, Flown, fly_all, list_cells, load_predictors
+from toolkit.rooms.landing.regressor import list_regressors
+from toolkit.rooms.landing.site import draw_pad, find_world
 
 QUICK = FlyConfig(
     regressors=("apriltag",), pads=("apriltag",), episodes=2, places=2, ground="bare", time="overcast",
@@ -60,6 +65,43 @@ def test_files_say_what_was_flown(flown: tuple[Workspace, Flown]) -> None:
     assert len((made.folder / "episodes.csv").read_text().splitlines()) == 3
 
 
+def test_two_pads_of_one_name_are_not_mixed(tmp_path: Path) -> None:
+    space = make_workspace(tmp_path / "work")
+    files = [tmp_path / folder / "plain.png" for folder in ("a", "b")]
+    for shade, file in zip((90, 180), files, strict=True):
+        file.parent.mkdir()
+        cv2.imwrite(str(file), np.full((64, 64, 3), shade, np.uint8))
+    for words in ((str(files[0]), str(files[1])), ("plain", str(files[0]))):
+        with pytest.raises(ToolkitError, match=r"plain.* and .*plain\.png would both be called plain"):
+            fly_all(space, QUICK.with_overrides(pads=words, regressors=("features",)), seed=2)
+
+
+def test_two_regressors_of_one_name_are_not_mixed(tmp_path: Path) -> None:
+    space = make_workspace(tmp_path / "work")
+    make_regressor(space)
+    (own,) = list_regressors(space).values()
+    other = tmp_path / "other" / own.name
+    shutil.copytree(own.parent, other.parent)
+    save_file({name: tensor + 1 for name, tensor in load_file(own).items()}, other)
+    record = other.with_suffix(".json")
+    record.write_text(json.dumps(json.loads(record.read_text()) | {"sha256": sha256_file(other)}))
+    with pytest.raises(ToolkitError, match=r"random and .*random\.safetensors would both be called random"):
+        fly_all(space, QUICK.with_overrides(regressors=(own.stem, str(other)), size_m=None), seed=2)
+
+
+def test_a_regressor_is_called_as_its_file_even_if_that_was_renamed(tmp_path: Path) -> None:
+    space = make_workspace(tmp_path / "work")
+    make_regressor(space)
+    (own,) = list_regressors(space).values()
+    for suffix in (".safetensors", ".json"):
+        shutil.copy(own.with_suffix(suffix), own.with_name(f"best.v2{suffix}"))
+    named = ("random", "best.v2", str(own.with_name("best.v2.safetensors")))
+    config = QUICK.with_overrides(regressors=named, size_m=None)
+    assert list(load_predictors(space, config, "cpu")[0]) == ["random", "best.v2"]
+    cells = list_cells(config, {"plain": draw_pad("plain")}, find_world("grass"))
+    assert {cell.regressor for cell in cells} == {"random", "best.v2"}
+
+
 def test_flights_of_an_older_method_are_not_mixed_in(
     flown: tuple[Workspace, Flown], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -68,6 +110,21 @@ def test_flights_of_an_older_method_are_not_mixed_in(
     assert fly_all(space, QUICK, seed=2).made == 0
     monkeypatch.setattr("toolkit.rooms.landing.fly.FLIGHTS", Work("episode", 2))
     assert [fly_all(space, QUICK, seed=2).made for _ in range(2)] == [2, 0]
+
+
+@pytest.mark.parametrize("changes", [{"outcome": "sucess"}, {"error_m": float("nan")}])
+def test_an_episode_that_was_edited_to_nonsense_is_flown_again(
+    flown: tuple[Workspace, Flown], tmp_path: Path, changes: dict[str, object]
+) -> None:
+    """An outcome without a name would be in no column of the table."""
+    space = make_workspace(tmp_path / "work")
+    shutil.copytree(flown[0].eval_dir, space.eval_dir, dirs_exist_ok=True)
+    log = space.eval_dir / "landing/apriltag/episodes.jsonl"
+    first, *others = log.read_text().splitlines()
+    log.write_text("\n".join([json.dumps(json.loads(first) | changes), *others]) + "\n")
+    again = fly_all(space, QUICK, seed=2)
+    assert again.made == 1
+    assert again.records == flown[1].records
 
 
 @pytest.mark.slow

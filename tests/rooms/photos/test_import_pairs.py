@@ -131,6 +131,19 @@ def test_what_the_table_does_not_list_and_copies_are_left_out(space, photos, tmp
     assert any("a copy of" in reason and "counts once" in reason for reason in reasons.values())
 
 
+def test_a_photograph_that_two_lines_name_differently_is_an_error(space, photos, tmp_path):
+    """Once by its name, once with its folder: neither line may be dropped without a word."""
+    camera = tmp_path / "camera"
+    photos.rename(camera.mkdir() or camera / "phone")
+    name, *said = rows_of()[0]
+    for other in (f"phone/{name}", f"phone\\{name}"):
+        table = write_table(tmp_path / "pairs.csv", [(name, *said), (other, "desk", "bear2", *said[2:])])
+        with pytest.raises(
+            ToolkitError, match=r"lines 2 and 3 of the table of pairs both name phone/keyboard_unpatched_2in_over\.jpg"
+        ):
+            import_photos(space, [camera], ImportSettings(pairs=table))
+
+
 @pytest.mark.parametrize(
     ("rows", "heading", "words"),
     [

@@ -2,6 +2,8 @@
 
 import re
 import shutil
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
 
 import import_bench
 import numpy as np
@@ -16,7 +18,8 @@ from toolkit.objects.spec import read_spec
 from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.gates import Gate
 from toolkit.rooms.photos.gates.check_photo import ExpectationBuilder
-from toolkit.rooms.photos.importing.gather import REPLACED
+from toolkit.rooms.photos.importing.gather import REPLACED, Candidate, sort_by_time
+from toolkit.rooms.photos.photo import Photo
 
 space, folder = import_bench.space, import_bench.folder
 
@@ -84,6 +87,41 @@ def test_a_retake_waits_for_the_word_and_the_old_one_is_kept(space, folder):
     result = run(space, older, ImportSettings(object="crate", variant="patched", replace=True))
     assert "has the later photograph" in reasons(result)["pose_1.jpg"]
     assert len(read_captures(space.captures_dir).captures) == 1
+
+
+def test_a_retake_in_the_hour_that_comes_twice_is_the_later(space, folder):
+    """Summer time ended between the two: 10:50 +02:00 is 08:50 UTC, 10:10 +01:00 is 09:10 UTC."""
+    take(folder / "pose_1.jpg", 1, 50, "+02:00")
+    run(space, folder)
+    again = take(folder.parent / "again" / "pose_1.jpg", 2, 10, "+01:00")
+    result = run(space, again, ImportSettings(object="crate", variant="patched", replace=True))
+    assert len(result.imported) == 1 and not result.refused
+    # and the earlier does not come back
+    early = take(folder.parent / "early" / "pose_1.jpg", 3, 55, "+02:00")
+    result = run(space, early, ImportSettings(object="crate", variant="patched", replace=True))
+    assert "has the later photograph" in reasons(result)["pose_1.jpg"]
+
+
+def test_photographs_of_equal_clocks_and_other_offsets_are_no_tie(space, folder):
+    for number, (minute, offset) in enumerate([(0, "+02:00"), (0, "+01:00"), (60, "+02:00"), (90, "+01:00")]):
+        take(folder / f"{'badc'[number]}.jpg", number, minute, offset)
+    result = run(space, folder)
+    # b at 8:00 UTC; a and d both at 9:00, a tie; c at 10:30
+    assert list(imported(result).values()) == ["b.jpg", "a.jpg", "d.jpg", "c.jpg"]
+    assert [note for note in result.notes if "same time" in note] == [
+        "taken at the same time, and so ordered by name: a.jpg, d.jpg"
+    ]
+
+
+def test_a_film_in_utc_is_not_sorted_among_local_times():
+    """A film at 9:00 UTC may have been shot after a photograph at 10:00 of a clock two hours ahead."""
+    film = Photo(Path("b.mp4"), "f" * 64, "video", 4, 3, taken=datetime(2024, 5, 1, 9, tzinfo=timezone.utc))
+    for offset, expected in ((None, False), (timezone(timedelta(hours=2)), True)):
+        taken = datetime(2024, 5, 1, 10, tzinfo=offset)
+        still = Photo(Path("c.jpg"), "a" * 64, "jpeg", 4, 3, taken=taken)
+        ordered, by_time = sort_by_time([Candidate(photo, photo.path.name, ()) for photo in (film, still)])
+        assert by_time == expected
+        assert [own.label for own in ordered] == (["c.jpg", "b.mp4"] if expected else ["b.mp4", "c.jpg"])
 
 
 def test_with_replace_the_latest_of_several_counts(space, folder):

@@ -242,6 +242,17 @@ def test_the_same_wrap_gives_the_same_bytes(space, printed, tmp_path):
         assert Path(one).read_bytes() == Path(other).read_bytes()
 
 
+def test_outlines_of_an_earlier_print_are_named(space, tmp_path, capsys):
+    """On smaller paper the same pieces take more pages: their outlines would be cut as well."""
+    small = print_wrap(space, "ring", PrintSettings(paper="a5"), WrapSettings(cut="svg"), tmp_path)
+    assert "earlier print" not in capsys.readouterr().err
+    large = print_wrap(space, "ring", PrintSettings(paper="a2"), WrapSettings(cut="svg"), tmp_path)
+    left = [Path(file).name for file in small.cut_files if file not in large.cut_files]
+    assert left and f"{', '.join(left)}: outlines of an earlier print" in " ".join(capsys.readouterr().err.split())
+    print_wrap(space, "ring", PrintSettings(paper="a2"), WrapSettings(cut="dxf"), tmp_path)
+    assert "ring-wrap-2.svg" in capsys.readouterr().err
+
+
 @pytest.fixture(scope="module")
 def net(tmp_path_factory):
     """A printed net of a box of bluish green, and its wrap."""

@@ -4,10 +4,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError
@@ -20,8 +20,8 @@ from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Shared, Unit, WorkLog, cut_groups, run_resumable
 from toolkit.rooms.landing.baselines import make_apriltag, make_features
 from toolkit.rooms.landing.config import CameraConfig, DescentConfig, FlyConfig, parse_gains
-from toolkit.rooms.landing.episodes import Episode, Flights, Look
-from toolkit.rooms.landing.regressor import Regressor, load_regressor
+from toolkit.rooms.landing.episodes import OUTCOMES, Episode, Flights, Look
+from toolkit.rooms.landing.regressor import SUFFIX, Regressor, load_regressor
 from toolkit.rooms.landing.site import (
     Pad,
     PadPlace,
@@ -122,6 +122,12 @@ class FlightCell:
         return ", ".join((self.pad, self.regressor, self.air, self.gains))
 
 
+def _check_outcome(word: str) -> str:
+    if word not in OUTCOMES:
+        raise ValueError(f"expected {', '.join(OUTCOMES)}")
+    return word
+
+
 class EpisodeRecord(BaseModel):
     """An episode that has ended, a line of `episodes.jsonl`.
 
@@ -134,7 +140,7 @@ class EpisodeRecord(BaseModel):
         seen: (x, y) that the regressor said of each picture, as an offset in the world.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     inputs: str
     pad: str
     regressor: str
@@ -144,7 +150,7 @@ class EpisodeRecord(BaseModel):
     gains: str
     index: int
     place: str
-    outcome: str
+    outcome: Annotated[str, AfterValidator(_check_outcome)]
     error_m: float | None
     time_s: float
     path_m: float
@@ -252,10 +258,11 @@ def fly_all(
     # the finders decide the camera and the pad's size
     predictors, optics, size_m = load_predictors(space, config, device)
     pads = {word: find_pad(space, word, size_m, seed) for word in config.pads}
+    _check_names({word: (pad.name, pad.sha256) for word, pad in pads.items()})
     world = find_world(config.world, config.world_seed)
     # spots that a regressor was trained on are avoided while there are others
     places = _choose_places(world, config, size_m, seed, _find_used(predictors, world))
-    folder = space.eval_dir / "landing" / (config.name or Path(config.regressors[0]).stem)
+    folder = space.eval_dir / "landing" / (config.name or name_finder(config.regressors[0]))
     setup = FlightSetup(config, seed, Sites(world, places, (config.time,), optics), pads, predictors)
     cells = list_cells(config, pads, world)
     # the folder is held: two runs would mix their episodes
@@ -316,11 +323,9 @@ def load_predictors(
     space: Workspace, config: FlyConfig, device: str
 ) -> tuple[dict[str, Regressor | None], CameraConfig, float]:
     """Regressors by name, None for classical finders; their camera, and their pad's side."""
-    predictors: dict[str, Regressor | None] = {}
-    # several regressors may be given, but they share a camera
-    for word in config.regressors:
-        loaded = None if word in FINDERS else load_regressor(space, word, device)
-        predictors[word if loaded is None else loaded.name] = loaded
+    loaded = {word: None if word in FINDERS else load_regressor(space, word, device) for word in config.regressors}
+    _check_names({word: (name_finder(word), one.record.sha256 if one else "") for word, one in loaded.items()})
+    predictors = {name_finder(word): one for word, one in loaded.items()}
     trained = [regressor for regressor in predictors.values() if regressor is not None]
     # classical finders work with any camera
     if not trained:
@@ -333,6 +338,26 @@ def load_predictors(
     for network in trained:
         network.check(optics)
     return predictors, optics, config.size_m or first.size_m
+
+
+def name_finder(word: str) -> str:
+    """Name of a regressor that is given by its name or its file, or of a classical finder."""
+    return Path(word).name.removesuffix(SUFFIX)
+
+
+def _check_names(named: Mapping[str, tuple[str, str]]) -> None:
+    """Raise a `ToolkitError` if two words mean files of one name: their episodes would be counted together.
+
+    Args:
+        named: name and SHA-256 by word.
+    """
+    first: dict[str, tuple[str, str]] = {}
+    for word, (name, sha256) in named.items():
+        other, known = first.setdefault(name, (word, sha256))
+        if known != sha256:
+            raise ToolkitError(
+                f"{other} and {word} would both be called {name} in the results: rename one of the files"
+            )
 
 
 def _find_used(predictors: Mapping[str, Regressor | None], world: World) -> frozenset[str]:
@@ -360,7 +385,7 @@ def _choose_places(
 
 def list_cells(config: FlyConfig, pads: dict[str, Pad], world: World) -> list[FlightCell]:
     """All combinations; an AprilTag is looked for on no other pad."""
-    names = [word if word in FINDERS else Path(word).stem for word in config.regressors]
+    names = [name_finder(word) for word in config.regressors]
     return [
         FlightCell(pad.name, name, world.name, weather, severity, gains)
         for gains in config.gains

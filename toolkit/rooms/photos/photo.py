@@ -5,7 +5,7 @@ import math
 import re
 import unicodedata
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from pathlib import Path, PurePosixPath
@@ -145,6 +145,13 @@ def _parse_time(text: str | None, subseconds: str | None, offset: str | None) ->
     if zone and (minutes := int(zone[2]) * 60 + int(zone[3])) < 24 * 60:
         taken = taken.replace(tzinfo=timezone(timedelta(minutes=minutes if zone[1] == "+" else -minutes)))
     return taken
+
+
+def align_times(times: Sequence[datetime]) -> list[datetime]:
+    """Return times that can be compared: in UTC if all have an offset, else by the camera's wall clock."""
+    # offsets tell apart the hour that comes twice when summer time ends
+    zoned = all(taken.tzinfo is not None for taken in times)
+    return [taken.astimezone(timezone.utc) if zoned else taken.replace(tzinfo=None) for taken in times]
 
 
 def _text(value: object) -> str | None:

@@ -22,10 +22,11 @@ from toolkit.core.workspace import PACKAGE_DATA, make_workspace
 from toolkit.engine.local import LocalPool
 from toolkit.models.load import load_classifier
 from toolkit.objects.add import ObjectRequest, add_object
-from toolkit.objects.records import NetworkRecord, encode_png
+from toolkit.objects.records import NetworkRecord, decode_png, encode_png
 from toolkit.rig.plan import read_plan
 from toolkit.rooms.benchmarks.challenge import CLOSED_OBJECTS, POSES, EntryConfig
 from toolkit.rooms.benchmarks.challenge import entry as entries
+from toolkit.rooms.benchmarks.challenge import score as scores
 from toolkit.rooms.benchmarks.challenge.board import rank_entries, write_board
 from toolkit.rooms.benchmarks.challenge.entry import check_entry, init_entry, open_space, read_entry
 from toolkit.rooms.benchmarks.challenge.score import (
@@ -265,6 +266,31 @@ def test_a_tampered_score_is_found(entry, tamper):
     assert rescore(entry)
 
 
+def test_a_score_without_some_poses_is_not_official(entry, monkeypatch):
+    """Four of the 36 pictures of each object, by the division's judges."""
+    judges = (UNSEEN_SHA, read_entry(entry).record.networks[0].sha256)
+    monkeypatch.setattr(scores, "JUDGES", {sha[:4]: sha for sha in judges})
+    assert not make_up_score(entry, EVEN).is_official
+    partial = read_judged(entry).score
+    monkeypatch.setattr(scores, "POSES", 2)  # a version with as many poses
+    whole = make_up_score(entry, EVEN)
+    assert whole.is_official and whole.class_of != partial.class_of  # never ranked together
+    assert rescore(entry / "score-2") == []
+
+
+def test_boosters_that_were_swapped_after_the_score_are_found(entry, tmp_path):
+    """The mean of their colours stays, so that only their hashes tell."""
+    make_up_score(entry, EVEN)
+    for suffix in (".png", ".json"):
+        files = [entry / "boosters" / f"{name}{suffix}" for name in ("eggnog", "racer")]
+        contents = [file.read_bytes() for file in files]
+        for file, content in zip(files, reversed(contents), strict=True):
+            file.write_bytes(content)
+    assert [fault for fault in rescore(entry) if "eggnog.png: is not what entry.json names" in fault]
+    with pytest.raises(ToolkitError, match=r"no entry to rank: .*eggnog\.png: is not what entry\.json names"):
+        write_board([entry], tmp_path / "board")
+
+
 @pytest.mark.slow
 def test_a_score_by_other_judges_lies_beside_the_first(entry, tmp_path, capsys):
     make_up_score(entry, EVEN)
@@ -341,7 +367,12 @@ def test_the_board_says_in_which_renderers_a_gain_holds(entered, tmp_path):
     ours, others = (shutil.copytree(entered, tmp_path / name) for name in ("ours", "others"))
     make_up_score(ours, EVEN, name="ours")
     hashes = read_entry(ours).record.boosters
-    edit(others, boosters=dict.fromkeys(hashes, "0" * 64))
+    for name in hashes:
+        file = others / "boosters" / f"{name}.png"
+        write_bytes(file, encode_png(255 - decode_png(file.read_bytes(), file)))
+        record = file.with_suffix(".json")
+        record.write_text(json.dumps(json.loads(record.read_text()) | {"png_sha256": sha256_file(file)}))
+    edit(others, boosters={name: sha256_file(others / "boosters" / f"{name}.png") for name in hashes})
     make_up_score(others, EVEN | {"racer": 0.5}, name="others")
     shot = [hashes["racer"], hashes["eggnog"]]
     runs = [

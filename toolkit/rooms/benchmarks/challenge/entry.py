@@ -118,6 +118,12 @@ class ChallengeEntry:
         """The booster of an object, see `read_booster`."""
         return read_booster(inside(self.folder, self.file_name(name)), self.record.budget)
 
+    def check_hash(self, name: str) -> None:
+        """Raise a `ToolkitError` if the booster of an object is not the one that the record names."""
+        sha256 = self.read_booster(name).sha256
+        if sha256 != self.record.boosters.get(name):
+            raise ToolkitError(f"{self.file_name(name)}: is not what {ENTRY} names: {sha256[:12]} is its hash")
+
     def list_files(self, name: str) -> list[tuple[str, Path]]:
         """The files of an object's booster, see `list_files`."""
         return list_files(self.read_booster(name), self.record.budget)
@@ -310,8 +316,10 @@ def _list_stray(entry: ChallengeEntry) -> Iterator[str]:
 
 def _list_booster_faults(entry: ChallengeEntry, name: str, space: Workspace) -> Iterator[str]:
     item, booster, where = load_object(space.object_spec(name)), entry.read_booster(name), entry.file_name(name)
-    if booster.sha256 != entry.record.boosters[name]:
-        yield f"{where}: is not what {ENTRY} names: {booster.sha256[:12]} is its hash"
+    try:
+        entry.check_hash(name)
+    except ToolkitError as error:
+        yield str(error)
     # trained for the object's own class
     wanted = item.spec.class_name
     if wanted not in (booster.class_name, booster.class_index):

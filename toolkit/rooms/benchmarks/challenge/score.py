@@ -48,7 +48,7 @@ from toolkit.objects.mesh import cast_rays, make_ray_scene
 from toolkit.rig.camera import pixel_rays
 from toolkit.rig.plan import read_plan
 from toolkit.rig.variants import CONTROLS_OF
-from toolkit.rooms.benchmarks.challenge import DRAWN_SEED, JUDGES, NO_CONTROLS, VERSION
+from toolkit.rooms.benchmarks.challenge import DRAWN_SEED, JUDGES, NO_CONTROLS, POSES, VERSION
 from toolkit.rooms.benchmarks.challenge.entry import (
     ENTRY,
     OUTCOMES,
@@ -157,7 +157,7 @@ class Score(BaseModel):
     """`score.json`.
 
     Attributes:
-        is_official: whether the judges are exactly those of the closed division.
+        is_official: whether the judges are exactly those of the closed division, and all pictures were judged.
         outcomes_sha256: of `outcomes.csv`, from which all else is counted.
         rank_gain: mean gain over the three conditions on unseen judges; None without any.
         rank_ci95: its interval over objects; entries are ranked by the lower end.
@@ -194,7 +194,7 @@ class Score(BaseModel):
     def class_of(self) -> tuple[object, ...]:
         """Properties that comparable scores share."""
         judged = tuple(sorted((judge.sha256, judge.preprocessing) for judge in self.judges))
-        return self.challenge_version, self.entry.division, self.entry.budget, judged
+        return self.challenge_version, self.entry.division, self.entry.budget, self.is_official, judged
 
     def may_replace(self, folder: Path) -> bool:
         """Whether a folder has no readable score, or a score of the same judges and variants."""
@@ -277,10 +277,11 @@ def count_score(
     # how much the booster changes the picture, and how far its colours are from printable colours
     changes = {(outcome.object, outcome.pose): outcome.delta_e for outcome in outcomes if outcome.delta_e is not None}
     inks = [score_print(entry.read_booster(name).pixels).non_printability for name in entry.objects]
-    # official: exactly the division's judges, by the digits of their hashes
+    # official: exactly the division's judges, by the digits of their hashes, and every pose of every object
     known = {judge.name: judge.sha256[: len(JUDGES.get(judge.name, ""))] for judge in judges}
+    is_whole = set(table.pictures) == set(product(entry.objects, range(1, 2 * POSES + 1)))
     return Score(
-        entry=entry.record, is_official=known == JUDGES, judges=tuple(judges),
+        entry=entry.record, is_official=known == JUDGES and is_whole, judges=tuple(judges),
         outcomes_sha256=sha256, rank_gain=gain, rank_ci95=ci95, rows=tuple(rows),
         delta_e=round(float(np.mean(list(changes.values()))), 3) if changes else None,
         non_printability=round(float(np.mean(inks)), 5),
@@ -432,6 +433,7 @@ def rescore(folder: Path) -> list[str]:
         again = count_score(judged.entry, judges, judged.outcomes, sha256)
         for name in judged.entry.objects:
             read_picture(judged, name)
+            judged.entry.check_hash(name)
     except ToolkitError as error:
         return [str(error)]
     # compared field by field

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime, timezone
 from pathlib import Path
 
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
@@ -16,6 +15,7 @@ from toolkit.rooms.photos.importing.copies import find_copied
 from toolkit.rooms.photos.photo import (
     Photo,
     SortKey,
+    align_times,
     check_file,
     is_photo_name,
     list_photos,
@@ -65,11 +65,11 @@ class Gathered:
 
     def find_ties(self) -> list[tuple[str, ...]]:
         """Labels of photographs with equal times, so that their names order them."""
+        times = [candidate.photo.taken for candidate in self.candidates if candidate.photo.taken is not None]
         tied: dict[object, list[str]] = {}
-        for candidate in self.candidates:
-            taken = candidate.photo.taken
-            if self.by_time and taken is not None:
-                tied.setdefault(taken.replace(tzinfo=None), []).append(candidate.label)
+        if self.by_time:
+            for moment, candidate in zip(align_times(times), self.candidates, strict=True):
+                tied.setdefault(moment, []).append(candidate.label)
         return [tuple(labels) for labels in tied.values() if len(labels) > 1]
 
 
@@ -190,20 +190,18 @@ def _leave_out(candidates: Sequence[Candidate], dropped: dict[int, LeftOut]) -> 
 
 
 def sort_by_time(candidates: Sequence[Candidate]) -> tuple[list[Candidate], bool]:
-    """Sort candidates by the camera's times, or by name if any has no time; also returns whether by time."""
-    times = [candidate.photo.taken for candidate in candidates]
+    """Sort candidates by the camera's times, else by name; also returns whether by time.
+
+    Names count if a candidate has no time, or if there are videos, whose times are UTC, and times without an offset.
+    """
+    times = [candidate.photo.taken for candidate in candidates if candidate.photo.taken is not None]
     # a photograph without a time could stand anywhere, so times order all or none
-    if not times or any(taken is None for taken in times):
+    is_known = 0 < len(times) == len(candidates)
+    is_local = any(taken.tzinfo is None for taken in times)
+    if not is_known or (is_local and any(candidate.photo.kind == "video" for candidate in candidates)):
         return sorted(candidates, key=_name_key), False
-    zoned = all(taken is not None and taken.tzinfo is not None for taken in times)
-
-    def moment(candidate: Candidate) -> tuple[datetime, list[SortKey]]:
-        taken = candidate.photo.taken
-        assert taken is not None
-        # a camera's wall clock orders its photographs; zones only help if all have them
-        return (taken.astimezone(timezone.utc) if zoned else taken.replace(tzinfo=None)), _name_key(candidate)
-
-    return sorted(candidates, key=moment), True
+    moments = zip(align_times(times), candidates, strict=True)
+    return [own for _, own in sorted(moments, key=lambda pair: (pair[0], _name_key(pair[1])))], True
 
 
 Listed = list[tuple[Path, str, tuple[str, ...]]]

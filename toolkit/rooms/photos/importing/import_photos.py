@@ -292,8 +292,9 @@ def _question_order(gathered: Gathered, ordered: Sequence[Evidence]) -> list[str
     """Notes on photographs that their order alone places."""
     if not ordered:
         return []
-    # the notes: ties in time, likeness to another pose, another pose in the name, no second evidence
-    notes = [] if gathered.by_time else ["the photographs have no times: they are ordered by name"]
+    notes = (
+        [] if gathered.by_time else ["not all photographs have times that can be compared: they are ordered by name"]
+    )
     labels = {item.candidate.label for item in ordered}
     ties = [tie for tie in gathered.find_ties() if labels & set(tie)]
     if ties:

@@ -219,10 +219,11 @@ def _find_photographs(rows: Sequence[PairRow], gathered: Gathered) -> dict[str, 
     for candidate in gathered.candidates:
         for word in {candidate.label, candidate.label.rpartition("/")[2]}:
             by_name.setdefault(word, []).append(candidate.label)
+    lines: dict[str, int] = {}
     for row in rows:
-        wanted = row.file.replace("\\", "/")
+        said = row.file.replace("\\", "/")
         # a single copy was kept, whichever the table lists
-        wanted = gathered.kept.get(wanted, wanted)
+        wanted = gathered.kept.get(said, said)
         found = by_name.get(wanted, [])
         # a full path wins over the same file name in another folder
         found = [label for label in found if label == wanted] or found
@@ -230,6 +231,9 @@ def _find_photographs(rows: Sequence[PairRow], gathered: Gathered) -> dict[str, 
             what = "several photographs have that name: name it with its folder" if found else "no such photograph"
             raise ToolkitError(f"{row.file} in the table of pairs: {what}")
         placed.setdefault(found[0], row)
+        # a copy that is listed too is reported as a duplicate, a second name of the same file is a contradiction
+        if said not in gathered.kept and (line := lines.setdefault(found[0], row.line)) != row.line:
+            raise ToolkitError(f"lines {line} and {row.line} of the table of pairs both name {found[0]}: keep one")
     return placed
 
 

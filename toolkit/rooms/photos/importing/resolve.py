@@ -13,7 +13,7 @@ from toolkit.rooms.photos.importing.evidence import Evidence
 from toolkit.rooms.photos.importing.gather import CaptureKey, SourceIndex, find_images
 from toolkit.rooms.photos.importing.match import Decision, Doubt, MatchRender, decide_pose, measure_match
 from toolkit.rooms.photos.importing.store import encode_photo
-from toolkit.rooms.photos.photo import Photo
+from toolkit.rooms.photos.photo import Photo, align_times
 
 Ask = Callable[[str, Sequence[str]], "str | None"]
 """(question, possible answers) -> the answer, None to leave the photograph out."""
@@ -119,8 +119,8 @@ def resolve_occupied(
         path, record_taken, original = there
         came = f" (from {original})" if original else ""
         taken = candidate.photo.taken
-        # wall clocks, since either may have no zone
-        if taken and record_taken and taken.replace(tzinfo=None) < record_taken.replace(tzinfo=None):
+        own, other = align_times([taken, record_taken]) if taken and record_taken else (None, None)
+        if own and other and own < other:
             refused.append((candidate.label, f"{key} has the later photograph {path}{came}"))
         elif settings.replace or (
             ask and ask(f"{candidate.label}: {key} has {path}{came}. Replace it, and keep it aside?", ["y"]) == "y"

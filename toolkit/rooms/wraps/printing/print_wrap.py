@@ -1,5 +1,6 @@
 """Print the pieces of a wrap at true size, with a page of instructions and outlines for a cutting machine."""
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit import __version__
+from toolkit.core.console import notice
 from toolkit.core.files import write_bytes
 from toolkit.core.lazy import scipy, shapely
-from toolkit.core.text import count_of
+from toolkit.core.text import count_of, list_some
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.printing import PrintSettings, WrapSettings
@@ -69,6 +71,7 @@ FOLD_HALO_MM = 0.5
 MOUNTAIN, VALLEY = (1.2, 0.9), (2.4, 0.8, 0.3, 0.8)
 """Dashes and gaps of folds, mm: dashed where paper is folded back, dash and dot where it is folded towards you."""
 TICK_MM = 1.2
+MOST_LISTED = 5
 SAY_MARKS = "Page 1 lists the order. Equal letters meet, arrows show which way is up."
 CUT_BY_HAND = f"Cut along the black line in the white one. {SAY_MARKS}"
 CUT_BY_MACHINE = f"The fine magenta line is CutContour, the machine's path. {SAY_MARKS}"
@@ -232,6 +235,11 @@ def print_wrap(
         file = pdf_file.with_name(f"{pdf_file.stem}-{page}.{wanted.cut}")
         write_bytes(file, write_dxf(sheet, CUT) if wanted.cut == "dxf" else write_svg(sheet, CUT))
         cut_files.append(str(file))
+    # with other paper or pieces an earlier print had more pages: a machine must not cut them
+    earlier = [file for file in _find_cut_files(pdf_file) if str(file) not in cut_files]
+    if earlier:
+        names = list_some([file.name for file in earlier], MOST_LISTED)
+        notice(f"{names}: outlines of an earlier print, which may not fit the pieces of {pdf_file.name}: delete them")
     return replace(printed, file=str(pdf_file), cut_files=tuple(cut_files))
 
 
@@ -660,6 +668,13 @@ def _say_seams(piece: PieceRecord, there: Sequence[int]) -> str:
         if seam.piece in there:
             meets.setdefault(seam.piece, []).append(seam.letter)
     return ", ".join(f"meets {number} at {' '.join(letters)}" for number, letters in meets.items())
+
+
+def _find_cut_files(pdf_file: Path) -> list[Path]:
+    """Files beside a PDF that have the names of its outlines, by page."""
+    name = re.compile(rf"{re.escape(pdf_file.stem)}-([1-9]\d*)\.(dxf|svg)")
+    found = [(int(match[1]), file) for file in pdf_file.parent.iterdir() if (match := name.fullmatch(file.name))]
+    return [file for _, file in sorted(found)]
 
 
 def _list_cuts(printed: PrintedWrap, outlines: "dict[int, Polygon]") -> list[tuple[int, CutSheet]]:
