@@ -15,7 +15,7 @@ from toolkit.core.files import real_path, write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.imagefolder import name_columns, write_imagefolder
+from toolkit.evaluation.imagefolder import check_names, write_imagefolder
 from toolkit.evaluation.origin import explain_replaced
 from toolkit.evaluation.prediction import Box, Detection, Prediction
 from toolkit.evaluation.predictions_csv import (
@@ -240,7 +240,8 @@ def write_fiftyone(
     """
     files: dict[str, str] = {}
     fields: dict[str, dict[str, object]] = {}
-    left_out, columns = 0, name_columns(runs, _as_name)
+    left_out = 0
+    check_names(runs, _as_name)
     for run in runs:
         # images that are gone, unreadable or corrupted in memory have no file to show
         placed, gone = _read_placed(workspace, run, captures_dir)
@@ -251,7 +252,7 @@ def write_fiftyone(
             labels: dict[str, object] = {
                 name: getattr(prediction.capture, name) for name in ("object", "variant", "source")
             }
-            said, column = prediction.detection, f"prediction_{columns[run.name]}"
+            said, column = prediction.detection, f"prediction_{_as_name(run)}"
             if said is None:
                 names = {"correct": "correct_top1", "true_prob": "true_prob", "true_rank": "true_rank"}
                 about = {name: getattr(prediction, field) for name, field in names.items()}
@@ -311,7 +312,8 @@ def write_coco_results(
     The first is the truth, with `file_name` below the captures. The second has the best box of each image, which is
     all that a run keeps: for average precision see its `summary.json`. No image is copied. Returns as `write_fiftyone`.
     """
-    total, left_out, folders = 0, 0, name_columns(runs, _as_name)
+    total = left_out = 0
+    check_names(runs, _as_name)
     for run in runs:
         # only runs of detectors have boxes
         if run.kind != "detection":
@@ -335,7 +337,7 @@ def write_coco_results(
                 truths.append({"id": number, **of, "bbox": box, "area": box[2] * box[3], "iscrowd": 0, **about})
             if said.box is not None:
                 results.append({**of, "bbox": as_bbox(said.box), "score": said.score})
-        write_instances(folder / folders[run.name] / "instances.json", images, truths, categories)
-        write_json(folder / folders[run.name] / "results.json", results)
+        write_instances(folder / _as_name(run) / "instances.json", images, truths, categories)
+        write_json(folder / _as_name(run) / "results.json", results)
         total, left_out = total + len(placed), left_out + gone
     return total, left_out

@@ -62,16 +62,13 @@ def write_imagefolder(
     Raises:
         ToolkitError: there are no images, predictions are damaged, or the folder cannot be written.
     """
-    found, labels = read_captures(captures_dir or workspace.captures_dir), {}
     # labels by the specs; what the manifest states wins below
-    for name, file in workspace.object_specs().items():
-        with suppress(ToolkitError):  # a broken spec names no class
-            labels[name] = str(read_spec(file).class_name)
-    names = name_columns(runs, _column_of)
-    answers = [_list_answers(workspace, run, names[run.name], captures_dir) for run in runs]
-    files = {real_path(capture.file) for capture in found.captures}
+    found, labels = read_captures(captures_dir or workspace.captures_dir), _list_labels(workspace)
+    check_names(runs, _column_of)
+    files = {capture.file: real_path(capture.file) for capture in found.captures}
+    answers = [_list_answers(workspace, run, captures_dir) for run in runs]
     for run, known in zip(runs, answers, strict=True):
-        if not files & known.keys():
+        if known.keys().isdisjoint(files.values()):
             raise ToolkitError(
                 f"{run.name} judged none of the images in {found.root}: leave it out, or name their folder"
             )
@@ -95,7 +92,7 @@ def write_imagefolder(
         }  # fmt: skip
         # the columns of each run, for the images that it judged
         for known in answers:
-            row |= known.get(real_path(capture.file), {})
+            row |= known.get(files[capture.file], {})
         rows.append(row)
     if not rows:
         raise ToolkitError(f"{found.root}: none of {left_out} images can be read")
@@ -113,9 +110,18 @@ def write_imagefolder(
     return len(rows), left_out
 
 
-def _list_answers(workspace: Workspace, run: Run, name: str, captures_dir: Path | None) -> dict[Path, Row]:
+def _list_labels(workspace: Workspace) -> dict[str, str]:
+    """Return the class of each object by its spec."""
+    labels: dict[str, str] = {}
+    for name, file in workspace.object_specs().items():
+        with suppress(ToolkitError):  # a broken spec names no class
+            labels[name] = str(read_spec(file).class_name)
+    return labels
+
+
+def _list_answers(workspace: Workspace, run: Run, captures_dir: Path | None) -> dict[Path, Row]:
     """Return the predictions of a run by their images, of those that still have their own file."""
-    place = captures_dir or find_captures_dir(workspace, run)
+    place, name = captures_dir or find_captures_dir(workspace, run), _column_of(run)
     return {
         real_path(prediction.capture.file): {
             f"{name}_label": prediction.top1_label, f"{name}_prob": prediction.top1_prob,
@@ -137,8 +143,8 @@ def _list_columns(runs: Sequence[Run]) -> dict[str, tuple[str, str]]:
     return columns
 
 
-def name_columns(runs: Sequence[Run], shorten: Callable[[Run], str]) -> dict[str, str]:
-    """Return the name of each run in an export, by the run's name; a `ToolkitError` if two runs would share a name."""
+def check_names(runs: Sequence[Run], shorten: Callable[[Run], str]) -> None:
+    """Raise a `ToolkitError` if two runs would share a name in an export, as `shorten` gives it."""
     owners = dict[str, str]()
     for run in runs:
         owner = owners.setdefault(shorten(run), run.name)
@@ -147,7 +153,6 @@ def name_columns(runs: Sequence[Run], shorten: Callable[[Run], str]) -> dict[str
                 f"{owner} and {run.name} would both be called {shorten(run)} in the export: export them into two "
                 "folders, or rename one of the runs"
             )
-    return {owner: name for name, owner in owners.items()}
 
 
 def _column_of(run: Run) -> str:

@@ -35,6 +35,7 @@ LINEAR_SRGB_OF_BT2020 = np.array(
     [[1.6604910, -0.5876411, -0.0728499], [-0.1245505, 1.1328999, -0.0083494], [-0.0181508, -0.1005789, 1.1187297]],
     np.float32,
 )
+SAME_PRIMARIES = np.eye(3, dtype=np.float32)
 PRIMARIES = {9: LINEAR_SRGB_OF_BT2020, 12: LINEAR_SRGB_OF_P3}
 """By their number in ITU-T H.273: those of BT.2020 and of Display P3 (SMPTE EG 432-1), both with sRGB's white."""
 ROWS_AT_ONCE = 256
@@ -42,22 +43,17 @@ ROWS_AT_ONCE = 256
 
 def adobe_to_srgb(codes: np.ndarray) -> np.ndarray:
     """(h, w, 3) uint8 of Adobe RGB (1998) as uint8 sRGB; what sRGB cannot show is cut."""
-    return _to_srgb(codes, (np.arange(256, dtype=np.float32) / 255) ** np.float32(ADOBE_GAMMA), LINEAR_SRGB_OF_ADOBE)
+    return rgb_to_srgb(codes, LINEAR_SRGB_OF_ADOBE, ADOBE_GAMMA)
 
 
-def rgb_to_srgb(codes: np.ndarray, primaries: int = 1, gamma: float | None = None) -> np.ndarray:
-    """(h, w, 3) uint8 of other primaries, of `PRIMARIES`, and another tone curve as uint8 sRGB; the rest is cut.
+def rgb_to_srgb(codes: np.ndarray, matrix: np.ndarray = SAME_PRIMARIES, gamma: float | None = None) -> np.ndarray:
+    """(h, w, 3) uint8 of other primaries and another tone curve as uint8 sRGB; what sRGB cannot show is cut.
 
     Args:
-        primaries: their number; those of any other are sRGB's.
+        matrix: (3, 3) float32 to linear sRGB.
         gamma: the power of a code that is its light, 1 for linear light; None: sRGB's curve.
     """
     light = LINEAR_OF_CODE if gamma is None else (np.arange(256, dtype=np.float32) / 255) ** np.float32(gamma)
-    return _to_srgb(codes, light, PRIMARIES.get(primaries, np.eye(3, dtype=np.float32)))
-
-
-def _to_srgb(codes: np.ndarray, light: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Convert codes by the light of each, (256,) float32, and the matrix to linear sRGB."""
     code_of_light = np.round(linear_to_srgb(np.arange(65536) / 65535) * 255).astype(np.uint8)
     converted = np.empty_like(codes)
     for start in range(0, len(codes), ROWS_AT_ONCE):  # a whole photograph would take twelve bytes a value

@@ -18,7 +18,7 @@ from PIL import ExifTags, Image, ImageCms, ImageOps
 from toolkit.core.errors import ToolkitError, foreign_code
 from toolkit.core.files import open_plain, real_path, walk_folders
 from toolkit.core.lazy import cv2
-from toolkit.imaging.colour import PRIMARIES, adobe_to_srgb, rgb_to_srgb
+from toolkit.imaging.colour import PRIMARIES, SAME_PRIMARIES, adobe_to_srgb, rgb_to_srgb
 
 IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".heic", ".heif", ".avif", ".bmp", ".gif")
@@ -344,8 +344,8 @@ def _to_rgb(image: Image.Image) -> Image.Image:
         image = image.convert("L" if image.mode == "LA" else "RGB")
     # colours become sRGB, by the numbers of a PNG, HEIC or AVIF, the embedded profile, Adobe's mark or a PNG's gamma
     if primaries in PRIMARIES or transfer == LINEAR_TRANSFER:
-        pixels = np.asarray(image.convert("RGB"))
-        image = Image.fromarray(rgb_to_srgb(pixels, primaries, 1.0 if transfer == LINEAR_TRANSFER else None))
+        matrix, curve = PRIMARIES.get(primaries, SAME_PRIMARIES), 1.0 if transfer == LINEAR_TRANSFER else None
+        image = Image.fromarray(rgb_to_srgb(np.asarray(image.convert("RGB")), matrix, curve))
     elif profile:
         image = _to_srgb(image, profile)
     elif is_adobe and image.mode == "RGB":

@@ -6,8 +6,6 @@ from typing import Annotated
 
 import typer
 
-from toolkit.boosters.patch_config import use_printer
-from toolkit.boosters.transforms.printing import SHEEN
 from toolkit.cli import options
 from toolkit.cli.options import Overrides, from_config
 from toolkit.cli.output import say, show_json, show_result, show_table
@@ -58,9 +56,7 @@ def train_wrap(
     from toolkit.boosters.detectors import load_networks
     from toolkit.rooms.wraps.wrap_task import train_wrap as run
 
-    if print_profile is not None:
-        overrides = use_printer(overrides, print_profile, SHEEN)
-    config = make_wrap_config(recipe, {**overrides, "seed": seed})
+    config = make_wrap_config(recipe, {**overrides, "seed": seed}, print_profile)
     place = open_workspace(workspace)
     loaded = load_networks(*networks, place.classifiers_dir)
     trained = run(config, loaded, place, class_name=class_name, restart=restart, workers=workers)

@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from toolkit.boosters.patch_config import use_printer
 from toolkit.boosters.train import as_list
-from toolkit.boosters.transforms.printing import SHEEN
 from toolkit.core.workspace import Workspace
 from toolkit.models.network import Classifier
 from toolkit.rooms.wraps import wrap_task
@@ -57,9 +55,7 @@ def train_wrap(
         ('warplane', 3)
     """
     overrides = {**settings, "objects": (object_name,), "backgrounds": backgrounds, "seed": seed}
-    if print_profile is not None:
-        overrides = use_printer(overrides, print_profile, SHEEN)
-    config = make_wrap_config(recipe, overrides)
+    config = make_wrap_config(recipe, overrides, print_profile)
     return wrap_task.train_wrap(
         config, as_list(classifiers), workspace, class_name=class_name, restart=restart, workers=workers
     )

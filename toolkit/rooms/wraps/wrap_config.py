@@ -6,9 +6,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from toolkit.boosters.patch_config import use_printer
 from toolkit.boosters.pixel_config import AUGMENTATION, STEPS
 from toolkit.boosters.texture_config import RECIPES, WEARS, TextureConfig, fit_recipe
-from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint
+from toolkit.boosters.transforms.printing import SHEEN, PrintProcess, ProfiledPrint
 from toolkit.core.config import Expect, Flag, Later
 from toolkit.core.errors import FieldError
 from toolkit.rooms.wraps.config import MOST_PIECES, STUCK_ON, Misfit
@@ -84,6 +85,9 @@ WRAP_RECIPES: dict[str, WrapTrainConfig] = {
 }  # fmt: skip
 
 
-def make_wrap_config(recipe: str, overrides: Mapping[str, Any]) -> WrapTrainConfig:
-    """A recipe of a wrap with overrides, see `fit_recipe`."""
+def make_wrap_config(recipe: str, overrides: Mapping[str, Any], print_profile: Path | None = None) -> WrapTrainConfig:
+    """A recipe of a wrap with overrides, see `fit_recipe`, and the printer of a profile's file, see `use_printer`."""
+    if print_profile is not None:
+        # a renderer shows the pieces, and adds the gloss that the profile holds
+        overrides = use_printer(overrides, print_profile, SHEEN)
     return fit_recipe(WRAP_RECIPES, recipe, overrides)
