@@ -119,7 +119,7 @@ def test_neither_order_nor_batch_matters(textured, seeing):
 def test_a_classifiers_crop_is_corrupted_and_a_detectors_whole_picture(textured, seeing):
     folder = add_corrupted(read_captures(textured.captures_dir, Selection(sources=("sim",))), [FOG])
     capture = next(one for one in folder.captures if one.pending_corruption)
-    seeds, picture = [image_seed(0, capture.path_in_source)], read_image(capture.file)
+    seeds, picture = [image_seed(0, capture.path_in_source)], read_image(capture.file).copy()
     crop = resize_and_crop(picture, seeing.preprocessing)
     whole, own = (to_bytes(corrupt(from_bytes(one[None]), *FOG, seeds))[0] for one in (picture, crop))
     assert np.array_equal(read_pixels(capture, None), whole)
